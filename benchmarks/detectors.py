@@ -72,7 +72,7 @@ class RegeneratedClip:
 def load(workspace: Workspace, count: int) -> list[RegeneratedClip]:
     """The first clips of the corpus; a take sampled again has the same events as in the corpus."""
     settings = workspace.settings("synthesize", plan.SynthesizeSettings)
-    sounds = {sound.id: sound for sound in plan.sounds(settings)}
+    sounds = {sound.id: sound for sound in plan.plan_sounds(settings)}
     corpus = Corpus(workspace.corpus)
     made = []
     for clip in corpus.clips[:count]:
@@ -80,7 +80,7 @@ def load(workspace: Workspace, count: int) -> list[RegeneratedClip]:
         if not path.exists():
             continue  # rejected by fit
         sound = sounds[clip.sound]
-        rng = plan.generator(settings.seed, "motion", sound.index, clip.take)
+        rng = plan.seeded_generator(settings.seed, "motion", sound.index, clip.take)
         style = plan.speaker_of(settings, sound).style
         take = sample_take(corpus.annotation(clip), style, clip.seconds, rng, settings.blink_profile)
         assert take.events == corpus.truth_events(clip), clip.id
@@ -293,8 +293,8 @@ def states_row(
         motion = motion_of(each)
         gaze, time_s = gaze_of(motion), np.arange(len(motion)) / motion.fps
         averted = np.zeros(len(motion), bool)
-        for look in each.take.gaze_intervals:
-            averted[(time_s >= look.start_s) & (time_s < look.end_s)] = look.averted
+        for interval in each.take.gaze_intervals:
+            averted[(time_s >= interval.start_s) & (time_s < interval.end_s)] = interval.averted
         if averted.all():
             continue
         partner = np.median(gaze[~averted], axis=0)

@@ -37,9 +37,9 @@ def person(seed: int) -> Motion:
     times = np.arange(round(SECONDS * FPS)) / FPS
     chain, gaze = [], np.zeros(2)
     for onset in np.arange(0.5, SECONDS - 0.5, 0.8) + rng.uniform(0, 0.2):
-        chain.append(saccades.saccade(onset, gaze, np.radians(rng.normal(0, 6, 2)), rng))
+        chain.append(saccades.sample_saccade(onset, gaze, np.radians(rng.normal(0, 6, 2)), rng))
         gaze = np.array(chain[-1].end_rad)
-    space = saccades.path(chain, (0.0, 0.0), times)
+    space = saccades.gaze_path(chain, (0.0, 0.0), times)
     head = np.radians(4) * np.sin(times[:, None] * [1.0, 1.7, 2.3] + rng.uniform(0, 6, 3))
     return Motion.of(FPS, head, eye_in_head(head, np.repeat(space[:, None], 2, axis=1)))
 

@@ -16,9 +16,9 @@ import numpy as np
 
 from talkingeyes.core.rotation import angles_to_gaze
 from talkingeyes.fitting.clip import FitSettings
-from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, PupilObservations, Solution, solve
+from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, PupilObservations, Solution, fit_gaze
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.landmarks import head_to_scene, pupils
+from talkingeyes.head.landmarks import head_to_scene, pupil_centres
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import configure_environment
 
@@ -31,7 +31,7 @@ def observations(rng: np.random.Generator) -> PupilObservations:
     """A clip of random gaze: conjugate eyes with axes 9 degrees apart, 0.3 px of noise, one in twenty hidden."""
     head, translation = rng.normal(0, 0.08, (FRAMES, 3)), rng.normal(0, 0.005, (FRAMES, 3))
     angles_rad = rng.normal(0, 0.1, (FRAMES, 1, 2)) + np.array([[0.08, 0.0], [-0.08, 0.0]])
-    seen = CAMERA.project(head_to_scene(pupils(angles_to_gaze(angles_rad)), head, translation))
+    seen = CAMERA.project(head_to_scene(pupil_centres(angles_to_gaze(angles_rad)), head, translation))
     seen += rng.normal(0, 0.3, seen.shape)
     seen[rng.random((FRAMES, 2)) < 0.05] = np.nan
     return PupilObservations(seen, head, translation, CAMERA)
@@ -39,10 +39,10 @@ def observations(rng: np.random.Generator) -> PupilObservations:
 
 def timed(clip: PupilObservations, settings: LightGazeFitSettings, repeats: int) -> tuple[Solution, float]:
     """The solution and its mean duration in seconds."""
-    solution = solve(clip, settings)
+    solution = fit_gaze(clip, settings)
     start = time.process_time()
     for _ in range(repeats):
-        solution = solve(clip, settings)
+        solution = fit_gaze(clip, settings)
     return solution, (time.process_time() - start) / repeats
 
 

@@ -19,11 +19,11 @@ from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.distribution.encoder import EncoderSettings
 from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS, UNCORRUPTED, Corruption
 from talkingeyes.evaluation.sensitivity.matrix import (
-    FaultEffect,
+    CorruptionEffect,
     SensitivityMatrix,
     TakeSets,
     detected_corruptions,
-    l2,
+    mean_l2,
     sensitivity_matrix,
     split_takes,
     train_pool_encoder,
@@ -94,9 +94,9 @@ def page(found: SensitivityMatrix, takes: TakeSets, speakers: int) -> str:
         minutes=speakers * SOUNDS * SECONDS * (TAKES // 2) / 60,
         faults="\n".join(f"- *{each.name}*: {each.title}" for each in CORRUPTIONS),
         rated_better=_won(found),
-        true_l2=l2(takes, UNCORRUPTED),
-        mean_l2=l2(takes, by_name["mean pose"]),
-        frozen_l2=l2(takes, by_name["frozen"]),
+        true_l2=mean_l2(takes, UNCORRUPTED),
+        mean_l2=mean_l2(takes, by_name["mean pose"]),
+        frozen_l2=mean_l2(takes, by_name["frozen"]),
         sides=_catching(found, by_name["mirrored left-right"]),
         heights=_catching(found, by_name["mirrored up-down"]),
         signs=_catching(found, by_name["flipped eye yaw"]),
@@ -138,16 +138,16 @@ def _won(found: SensitivityMatrix) -> str:
     return ", ".join(pairs) or "none"
 
 
-def _faults(cells: Mapping[str, FaultEffect]) -> list[FaultEffect]:
+def _faults(cells: Mapping[str, CorruptionEffect]) -> list[CorruptionEffect]:
     return [cell for name, cell in cells.items() if name != UNCORRUPTED.name]
 
 
-def _told(cell: FaultEffect) -> bool:
+def _told(cell: CorruptionEffect) -> bool:
     """Whether a corruption is detected by a value, not by its absence."""
     return cell.detected and not np.isnan(cell.effect_size)
 
 
-def _written(cell: FaultEffect) -> str:
+def _written(cell: CorruptionEffect) -> str:
     if np.isnan(cell.effect_size):
         return "gone"
     effect_size = f"{cell.effect_size:.1f}" if abs(cell.effect_size) < 99.5 else f"{min(cell.effect_size, 9999):.0f}"

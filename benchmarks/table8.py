@@ -32,11 +32,11 @@ from talkingeyes.core.rotation import angles_to_gaze, direction_to_rotvec, rotve
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.fitting.accuracy import ErrorSums, FitReference
 from talkingeyes.fitting.clip import FitResult, FitSettings, fit_clip
-from talkingeyes.fitting.comparison import BlinkMatches, blink_frames, match
+from talkingeyes.fitting.comparison import BlinkMatches, blink_frames, match_blinks
 from talkingeyes.fitting.lightgazefit import PupilObservations, ray_gaze
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.landmarks import EYE_CENTRES, head_to_scene, pupils
+from talkingeyes.head.landmarks import EYE_CENTRES, head_to_scene, pupil_centres
 from talkingeyes.head.model import HeadModel
 from talkingeyes.head.observation import Observation
 from talkingeyes.orchestration.config import compose
@@ -50,7 +50,12 @@ STRIP = (96, 176)  # rows and columns of an image around both eyes
 EYE = (32, 48)  # of the network's input for one eye
 RESOLUTION_FACTOR, QUALITY = 0.6, 35  # like VoxCeleb2: fraction of the pixels per side, JPEG quality
 HEADS, FRAMES_A_HEAD, EPOCHS = 10, 60, 30
-GAZE360 = {"gain": 0.875, "slow_px": 1.0, "memory": 0.992, "white_px": 0.035}  # FACTS: 1.40 px, speed ratio 1.29
+GAZE360 = {
+    "gain": 0.875,
+    "slow_px": 1.0,
+    "memory": 0.992,
+    "white_px": 0.035,
+}  # TalkingEyes, Table VIII: 1.40 px, speed ratio 1.29
 
 
 @dataclass(frozen=True)
@@ -126,7 +131,7 @@ def line(name: str, row: Score, truth: Score, results: list[FitResult | Motion],
     error_sums, best = row.error_sums, truth.error_sums
     speed = error_sums.speed_px_s / error_sums.speeds
     found = [
-        match(result.lids.blinks, case.events, case.motion.fps)
+        match_blinks(result.lids.blinks, case.events, case.motion.fps)
         for result, case in zip(results, cases, strict=True)
         if isinstance(result, FitResult)
     ]
@@ -157,7 +162,7 @@ def simulated(case: Case, seed: int) -> Motion:
     rng, motion, camera = np.random.default_rng(seed), case.motion, case.observation.camera
 
     def placed(gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 2 2"]:
-        return camera.project(head_to_scene(pupils(gaze), motion.head, motion.translation))
+        return camera.project(head_to_scene(pupil_centres(gaze), motion.head, motion.translation))
 
     ahead = placed(np.zeros_like(motion.gaze))
     seen = ahead + GAZE360["gain"] * (placed(motion.gaze) - ahead)

@@ -32,7 +32,7 @@ from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import run_command
 from talkingeyes.tracking.cropping import CropSettings, crop_camera, face_crop
 from talkingeyes.tracking.face_mesh import FaceDetectionSettings, FaceMesh
-from talkingeyes.tracking.video import frames, open_video
+from talkingeyes.tracking.video import open_video, read_frames
 
 LINES, CRF, MOST_FRAMES = 224, 35, 250
 MOVES_RAD = np.radians(2.0)
@@ -59,7 +59,7 @@ def table(path: Path) -> None:
     face_settings = FaceDetectionSettings.model_validate(section["face"])
     with open_video(path) as container:
         fps = float(container.streams.video[0].average_rate or 25)
-    pictures = [frame.image for frame, _ in zip(frames(path, 60.0), range(MOST_FRAMES), strict=False)]
+    pictures = [frame.image for frame, _ in zip(read_frames(path, 60.0), range(MOST_FRAMES), strict=False)]
     height = pictures[0].shape[0]
     full = detect_landmarks(pictures, fps, face_settings) * (LINES / height)
     small = detect_landmarks(list(degrade(pictures, fps)), fps, face_settings)

@@ -22,7 +22,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import configure_environment
 from talkingeyes.tracking.settings import TrackSettings
-from talkingeyes.tracking.sources import sources
+from talkingeyes.tracking.sources import find_videos
 from talkingeyes.tracking.video import probe_video
 from talkingeyes.workflows.track import track_video
 
@@ -51,7 +51,7 @@ def write_test_video(path: Path, seconds: float) -> Path:
 def child(video: Path) -> None:
     """Track one video and print frames, CPU seconds without the start of the networks, and peak megabytes."""
     settings = TrackSettings.model_validate(compose(["track.clip_filter.require_voice=false"])["track"])
-    source = sources([video], None)[0]
+    source = find_videos([video], None)[0]
     with tempfile.TemporaryDirectory() as folder:
         begun = time.process_time()
         start(settings)
@@ -91,7 +91,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for seconds in LENGTHS_S:
             print(line(f"rendered, {seconds} s", measured(write_test_video(Path(folder) / "drawn.mp4", seconds))))
-    for source in sources([Path(sys.argv[1])], None) if sys.argv[1:] else []:
+    for source in find_videos([Path(sys.argv[1])], None) if sys.argv[1:] else []:
         print(line(source.name, measured(source.path)))
 
 

@@ -61,7 +61,7 @@ def probe_data(corpus_inputs: CorpusInputs, clips: Sequence[Clip]) -> ProbeData:
 def speaker_gram(corpus_inputs: CorpusInputs, clips: Sequence[Clip]) -> probes.GramMatrices:
     """Sufficient statistics of one speaker for training a probe."""
     speaker = probe_data(corpus_inputs, clips)
-    return probes.gram(speaker.features, speaker.targets)
+    return probes.gram_matrices(speaker.features, speaker.targets)
 
 
 def score_speaker(corpus_inputs: CorpusInputs, work: tuple[Sequence[Clip], Float[ndarray, "F K"]]) -> probes.ProbeScore:

@@ -136,9 +136,9 @@ def _measure(call: StageCall, workspace: Workspace) -> Report:
     generator, seeds = load_generator(data("train", row)), list(range(SAMPLES))
     generator.generate(speech[: frames // 5], seeds[:1], clip.clip.fps)  # warm-up, not counted
     taken = {}
-    for name, drawn in (("one_cpu_s", seeds[:1]), ("ten_cpu_s", seeds)):
+    for name, sample_seeds in (("one_cpu_s", seeds[:1]), ("ten_cpu_s", seeds)):
         start = time.process_time()
-        generator.generate(speech, drawn, clip.clip.fps)
+        generator.generate(speech, sample_seeds, clip.clip.fps)
         taken[name] = time.process_time() - start
     figures = {
         "parameters": sum(tensor.numel() for tensor in load(data("train", row)).tensors.values()),

@@ -83,17 +83,17 @@ def train_part(
     resume = ResumeFile.of(folder.with_name(f".critic-{part}.resume"), fingerprint, reads)
     corpus = Corpus(corpus_root)
     channel_selection = ChannelSelection.of(json.loads((embed / "embedding.json").read_text()), settings.channels)
-    learnt = train_critic(part, recordings(corpus, fit, embed, "train"), channel_selection, settings, context, resume)
+    trained = train_critic(part, recordings(corpus, fit, embed, "train"), channel_selection, settings, context, resume)
     (folder / part).mkdir()
-    save(folder / part, learnt.corr.critic.state_dict(), learnt.config, learnt.history)
+    save(folder / part, trained.corr.critic.state_dict(), trained.config, trained.history)
     groups = {
-        "held_out": learnt.held_out,
+        "held_out": trained.held_out,
         "test": recordings(corpus, fit, embed, "test", take=0),
         "unseen": recordings(corpus, fit, embed, "unseen", take=0),
         "test_and_unseen": recordings(corpus, fit, embed, "test", "unseen", take=0),
     }
-    verdicts = {name: score_critic(learnt.corr, list(group), settings.bootstrap) for name, group in groups.items()}
-    return CriticResult(verdicts, learnt.caveat)
+    verdicts = {name: score_critic(trained.corr, list(group), settings.bootstrap) for name, group in groups.items()}
+    return CriticResult(verdicts, trained.caveat)
 
 
 def train_encoder(corpus_root: Path, fit: Path, embed: Path, folder: Path, settings: CriticSettings) -> float:
@@ -104,10 +104,10 @@ def train_encoder(corpus_root: Path, fit: Path, embed: Path, folder: Path, setti
     known = recordings(Corpus(corpus_root), fit, embed, "train")
     division = split_speakers(known, settings)
     train, held_out = ([known[index] for index in indices] for indices in (division.train, division.held_out))
-    learnt = fit_motion_encoder(train, held_out, settings.encoder, settings.seed)
+    trained = fit_motion_encoder(train, held_out, settings.encoder, settings.seed)
     (folder / CHECKPOINT_NAME).mkdir()
-    save(folder / CHECKPOINT_NAME, learnt.encoder.network.state_dict(), learnt.encoder.config, learnt.history)
-    return max(row["explained_variance"] for row in learnt.history)
+    save(folder / CHECKPOINT_NAME, trained.encoder.network.state_dict(), trained.encoder.config, trained.history)
+    return max(row["explained_variance"] for row in trained.history)
 
 
 def _flat(verdicts: dict[str, dict[str, CriticScores]]) -> Iterable[tuple[str, float]]:

@@ -70,8 +70,8 @@ def embed_sound(corpus: Path, settings: EmbedSettings, folder: Path, clip: Clip)
     np.save(make_shard_path(folder / "speech", clip.sound, ".npy"), features, allow_pickle=False)
     partner = Corpus(corpus).partner(clip) if settings.include_partner else None
     if partner is not None:
-        heard = cached_encoder(settings)(partner, clip.fps)
-        np.save(make_shard_path(folder / "partner", clip.sound, ".npy"), heard, allow_pickle=False)
+        speech_features = cached_encoder(settings)(partner, clip.fps)
+        np.save(make_shard_path(folder / "partner", clip.sound, ".npy"), speech_features, allow_pickle=False)
     exact = features.astype(np.float64)
     return ChannelSums(len(exact), exact.sum(axis=0), np.square(exact).sum(axis=0))
 

@@ -32,7 +32,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.recordings import Recording, Recordings
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.corpus.sound_groups import SoundGroup, sounds
+from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.benchmark.behaviour import with_references
 from talkingeyes.evaluation.benchmark.corr import CRITICS, SHUFFLED_SOUNDS, CorrScores, corr_scores
@@ -145,7 +145,7 @@ def held_out_sounds(paths: InputPaths, settings: EvaluateSettings) -> list[Sound
     corpus = Corpus(paths.corpus)
     if paths.row == "truth" and not corpus.has_truth:
         return []
-    found = sounds(corpus, paths.fit, paths.embed, SPLITS, settings.mismatched_samples, settings.seed)
+    found = group_sounds(corpus, paths.fit, paths.embed, SPLITS, settings.mismatched_samples, settings.seed)
     if not found:
         raise InputError(f"{corpus.root}: should contain a fitted clip in {' or '.join(SPLITS)}, got none")
     return found
@@ -160,7 +160,7 @@ class EvaluatedSound:
     true: list[Motion] | None
     speech: Float[ndarray, "T C"]
     others: list[np.ndarray]
-    heard: dict[str, CorrScores]
+    scores: dict[str, CorrScores]
     figures: dict[str, ClipMetrics]
 
 
@@ -183,11 +183,11 @@ def evaluate_sound(paths: InputPaths, evaluators: Evaluators, item: SoundGroup) 
         truth=crop_samples(truth, frames) if truth else None,
         valid=takes[0].valid[:frames],
     )
-    heard, fitted_corr_scores = (
+    scores, fitted_corr_scores = (
         corr_scores(evaluators.critics, speech, sounds, each.head, each.gaze)
         for each, sounds in ((case.samples, others), (case.fitted, ()))
     )
-    return EvaluatedSound(case, samples, true, speech, others, heard, clip_metrics(case, heard, fitted_corr_scores))
+    return EvaluatedSound(case, samples, true, speech, others, scores, clip_metrics(case, scores, fitted_corr_scores))
 
 
 def evaluate(paths: InputPaths, evaluators: Evaluators | None, item: SoundGroup) -> SoundResult | None:
@@ -197,7 +197,9 @@ def evaluate(paths: InputPaths, evaluators: Evaluators | None, item: SoundGroup)
     if seen is None:
         return None
     motion_sets = _compared(paths, item, seen.samples, seen.true)
-    counts = sound_statistics(motion_sets, seen.heard, evaluators.critics, evaluators.encoder, seen.speech, seen.others)
+    counts = sound_statistics(
+        motion_sets, seen.scores, evaluators.critics, evaluators.encoder, seen.speech, seen.others
+    )
     return SoundResult(seen.figures, counts)
 
 
@@ -213,8 +215,10 @@ def _compared(paths: InputPaths, item: SoundGroup, samples: Samples, true: list[
             [Motion.load(shard_path(paths.fit / "motion", take.id, ".npz")) for take in item.takes], annotation
         )
     count = paths.benchmark_samples
-    drawn = Samples(samples.fps, samples.head[:count], samples.gaze[:count])
-    return pair_with_truth(fits if paths.row == "fitted" else sample_behaviours(drawn, annotation), of_truth or fits)
+    first_samples = Samples(samples.fps, samples.head[:count], samples.gaze[:count])
+    return pair_with_truth(
+        fits if paths.row == "fitted" else sample_behaviours(first_samples, annotation), of_truth or fits
+    )
 
 
 def _other_sounds(paths: InputPaths, item: SoundGroup) -> list[np.ndarray]:

@@ -70,7 +70,7 @@ def train_emotion_classifier(paths: FaceInputPaths, jobs: int) -> EmotionClassif
         return None
     seen = list(parallel_map(partial(_features, paths), clips, jobs, "evaluate: emotions"))
     known = [(row, clip.emotion) for row, clip in zip(seen, clips, strict=True) if row is not None]
-    return EmotionClassifier.learn(np.array([row for row, _ in known]), [emotion for _, emotion in known])
+    return EmotionClassifier.fit(np.array([row for row, _ in known]), [emotion for _, emotion in known])
 
 
 @cache

@@ -168,9 +168,11 @@ def _draw(folder: Path, data: Mapping[str, Path], made: Mapping[str, RowResult])
     Image.fromarray(heat_map_sheet(surface, shown, HEAT_PX)).save(folder / "face-heat.png")
     model = made[EMOTION_MODEL].model if EMOTION_MODEL in made else None
     if model is not None:
-        felt = sample_emotions(load_face_generator(model), data["embed"], clip)
+        by_emotion = sample_emotions(load_face_generator(model), data["embed"], clip)
         times_s = [(at + 0.5) * clip.seconds / FRAMES_SHOWN for at in range(FRAMES_SHOWN)]
-        Image.fromarray(emotion_sheet(surface.model, felt, times_s, TILE_PX)).save(folder / "face-emotions-model.png")
+        Image.fromarray(emotion_sheet(surface.model, by_emotion, times_s, TILE_PX)).save(
+            folder / "face-emotions-model.png"
+        )
 
 
 def sample_emotions(generator: TrainedFaceGenerator, embed: Path, clip: Clip) -> dict[str, FaceSamples]:

@@ -22,7 +22,7 @@ import numpy as np
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, make_shard_path
-from talkingeyes.fitting.accuracy import pooled
+from talkingeyes.fitting.accuracy import pool_errors
 from talkingeyes.fitting.blink import blink_rate_distribution
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.fitting.comparison import BlinkMatches, FitEvaluation, GroundTruth, evaluate_fit
@@ -72,7 +72,7 @@ def run(workspace: Workspace) -> Report:
                 f"fit: all {len(clips)} clips were rejected, the first because: {outcomes[0].reject_reason}"
             )
         _write_rejected(folder / "rejected.csv", clips, outcomes)
-        save_speakers(folder / SPEAKERS_FILE, speakers(kept))
+        save_speakers(folder / SPEAKERS_FILE, speaker_styles(kept))
         evaluations = [outcome.evaluation for _, outcome in kept if outcome.evaluation is not None]
         table, summary = method_comparison(evaluations), summarise(evaluations, len(clips))
         for name, content in {"table8": table, "blinks": blink_rate_summary(kept), "summary": summary}.items():
@@ -109,7 +109,7 @@ def method_comparison(evaluations: Sequence[FitEvaluation]) -> dict[str, Any]:
 
 
 def _row(name: str, evaluations: Sequence[FitEvaluation]) -> dict[str, Any]:
-    error_sums = pooled(evaluation.error_sums_by_method[name] for evaluation in evaluations)
+    error_sums = pool_errors(evaluation.error_sums_by_method[name] for evaluation in evaluations)
     row: dict[str, Any] = {
         "method": name,
         "clips": len(evaluations),
@@ -119,7 +119,7 @@ def _row(name: str, evaluations: Sequence[FitEvaluation]) -> dict[str, Any]:
     if name in evaluations[0].objectives:
         row["objective"] = float(np.mean([evaluation.objectives[name] for evaluation in evaluations]))
     if "ground_truth" in evaluations[0].error_sums_by_method:
-        truth = pooled(evaluation.error_sums_by_method["ground_truth"] for evaluation in evaluations)
+        truth = pool_errors(evaluation.error_sums_by_method["ground_truth"] for evaluation in evaluations)
         row["error_px"] = error_sums.truth_distance_px / max(error_sums.truth_distances, 1)
         row["velocity_ratio"] = error_sums.speed_px_s / truth.speed_px_s if truth.speed_px_s else 0.0
         row["saccade_peak_ratio"] = error_sums.peak_px_s / truth.peak_px_s if truth.peak_px_s else 0.0
@@ -169,7 +169,7 @@ def blink_rate_summary(kept: Sequence[tuple[Clip, ClipResult]]) -> dict[str, Any
     }
 
 
-def speakers(kept: Sequence[tuple[Clip, ClipResult]]) -> dict[str, MotionStyle]:
+def speaker_styles(kept: Sequence[tuple[Clip, ClipResult]]) -> dict[str, MotionStyle]:
     """Styles of the speakers of the train split, by name."""
     found: dict[str, list[tuple[MotionStyle, float]]] = {}
     for clip, outcome in kept:

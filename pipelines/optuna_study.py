@@ -118,13 +118,13 @@ def prepare(overrides: Sequence[str]) -> OptunaStudy | None:
 
     Raises InputError: an invalid override, a value outside its bounds, a study of another search.
     """
-    search = read(overrides)
+    search = read_search(overrides)
     for values in _boundary_overrides(search.search_overrides if search else _sweep_overrides(overrides)):
         compose([*_fixed_overrides(overrides), *values])
     return None if search is None else open_study(search)
 
 
-def read(overrides: Sequence[str]) -> SearchConfig | None:
+def read_search(overrides: Sequence[str]) -> SearchConfig | None:
     """The search that the overrides define; None without Optuna or without a storage."""
     from hydra import compose as hydra_compose
     from hydra import initialize_config_dir
@@ -167,7 +167,7 @@ def open_study(search: SearchConfig) -> OptunaStudy:
     found = optuna.create_study(
         study_name=search.name, storage=search.storage, directions=[*search.directions], load_if_exists=True
     )
-    asked: dict[str, Any] = {"space": space(search), "figures": figures, "directions": search.directions}
+    asked: dict[str, Any] = {"space": plain_search_space(search), "figures": figures, "directions": search.directions}
     before = found.user_attrs.get(SPACE)
     if before is None:
         found.set_user_attr(SPACE, asked)
@@ -191,7 +191,7 @@ def distributions(search: SearchConfig) -> dict[str, Any]:
     return dict(found)
 
 
-def space(search: SearchConfig) -> dict[str, Any]:
+def plain_search_space(search: SearchConfig) -> dict[str, Any]:
     """The search space as plain values, for comparison."""
     from optuna.distributions import distribution_to_json
 

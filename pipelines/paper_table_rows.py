@@ -73,11 +73,11 @@ def _long(model: Path, paths: InputPaths, work: Sequence[SoundGroup]) -> list[So
         return []
     fps = work[0].takes[0].fps
     recordings = Recordings([item.takes[0] for item in work], paths.fit, paths.embed)
-    heard: list[Float[ndarray, "_ C"]] = []
+    speech_pieces: list[Float[ndarray, "_ C"]] = []
     for recording in recordings:
-        heard.append(np.asarray(recording.speech))
-        if sum(map(len, heard)) >= LONG_S * fps:
+        speech_pieces.append(np.asarray(recording.speech))
+        if sum(map(len, speech_pieces)) >= LONG_S * fps:
             break
-    speech = np.concatenate(heard)[: int(LONG_S * fps)]
+    speech = np.concatenate(speech_pieces)[: int(LONG_S * fps)]
     made = load_generator(model).generate(speech, list(range(LONG_MOTIONS)), fps)
     return [high_frequency_motion(head, gaze, fps) for head, gaze in zip(made.head, made.gaze, strict=True)]

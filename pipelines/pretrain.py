@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.corpus.faces import faces
+from talkingeyes.corpus.faces import face_recordings
 from talkingeyes.corpus.recordings import recordings
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.models.face.basis import FaceBasis
@@ -51,7 +51,7 @@ def _gaze(workspace: Workspace, name: str, settings: GazeTokenizerSettings) -> R
 def _face(workspace: Workspace, name: str, settings: FaceTokenizerSettings) -> Report:
     """Train, then fit the statistics of the latents and measure code usage, if there are codes."""
     corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
-    train_faces, val_faces = faces(corpus, fit, embed, "train"), faces(corpus, fit, embed, "val")
+    train_faces, val_faces = face_recordings(corpus, fit, embed, "train"), face_recordings(corpus, fit, embed, "val")
     basis = FaceBasis(train_faces.head_model, train_faces.expression_names)
     task = FaceTokenizerTask(settings, train_faces, val_faces, basis)
     context = ExecutionContext.of(workspace.params["machine"])

@@ -23,7 +23,7 @@ from pipelines.optuna_study import (
     distributions,
     open_study,
     prepare,
-    read,
+    read_search,
     silence_warnings,
     write_results,
 )
@@ -59,7 +59,7 @@ def run_trials(overrides: Sequence[str]) -> None:
     import optuna
 
     silence_warnings()
-    search = read(overrides)
+    search = read_search(overrides)
     assert search is not None
     study = open_study(search)
     study.optuna.pruner = optuna.pruners.MedianPruner(n_startup_trials=STARTUP_TRIALS)

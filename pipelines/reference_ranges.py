@@ -97,7 +97,7 @@ def load_clip_data(corpus_inputs: CorpusInputs, clip: Clip) -> ClipData:
     """One clip with all data about it."""
     motion, annotation = reference_motion(corpus_inputs, clip), corpus_inputs.corpus.annotation(clip)
     speech = corpus_inputs.corpus.speech(clip)
-    heard = prosody(speech, motion.fps, corpus_inputs.prosody)
+    sound_prosody = prosody(speech, motion.fps, corpus_inputs.prosody)
     fields = {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid}
     return ClipData(
         speaker=clip.speaker,
@@ -105,7 +105,7 @@ def load_clip_data(corpus_inputs: CorpusInputs, clip: Clip) -> ClipData:
         behaviour=behaviour(motion.fps, fields, motion.valid, annotation),
         motion=motion,
         annotation=annotation,
-        frame_prosody=FrameProsody(heard.energy_dbfs, heard.f0_hz),
+        frame_prosody=FrameProsody(sound_prosody.energy_dbfs, sound_prosody.f0_hz),
         events=corpus_inputs.corpus.truth_events(clip) if corpus_inputs.corpus.has_truth else None,
         axis_divergence_rad=axis_divergence_rad(corpus_inputs, clip),
     )
@@ -189,7 +189,7 @@ def measure_blink_rate_draws(corpus_inputs: CorpusInputs) -> Measurements:
     """Sampled blink rates, of speakers and of the paper's profile."""
     seed = corpus_inputs.settings.seed if corpus_inputs.settings else 0
     rng = np.random.default_rng(seed)
-    generators = (plan.generator(seed, "speaker", index) for index in range(DRAWN_SPEAKERS))
+    generators = (plan.seeded_generator(seed, "speaker", index) for index in range(DRAWN_SPEAKERS))
     return measurements.measure_blink_rate_draws(
         [sample_blink_rate(PAPER, rng) for _ in range(DRAWN_RATES)],
         [sample_style(each, PHYSIOLOGICAL).blinks_per_min for each in generators],
@@ -270,7 +270,7 @@ def write(
     """Write the page and its pictures, each file atomically."""
     pictures = out / "pictures"
     pictures.mkdir(parents=True, exist_ok=True)
-    drawn: dict[str, Callable[[Path], None]] = {
+    plotters: dict[str, Callable[[Path], None]] = {
         "distributions": partial(plots.distributions, found.pool, recorded.pools),
         "timeline": lambda path: plots.timeline(
             load_clip_data(corpus_inputs, clip), corpus_inputs.corpus.speech(clip), path
@@ -278,11 +278,11 @@ def write(
     }
     clip = timeline_clip(corpus_inputs)
     if f"at{RATES_FPS[0]}.amplitude_deg" in found.pool:
-        drawn = {"main-sequence": partial(plots.main_sequence, found.pool), **drawn}
-    for name, draw in drawn.items():
+        plotters = {"main-sequence": partial(plots.main_sequence, found.pool), **plotters}
+    for name, draw in plotters.items():
         with atomic_write(pictures / f"reference-ranges-{name}.png") as path:
             draw(path)
-    links = {name: f"pictures/reference-ranges-{name}.png" for name in drawn}
+    links = {name: f"pictures/reference-ranges-{name}.png" for name in plotters}
     text = page.markdown(found.measurements, recorded.measurements, what, links)
     with atomic_write(out / "reference_ranges.md") as path:
         path.write_text(text)

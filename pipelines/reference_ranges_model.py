@@ -59,7 +59,7 @@ trained on, {samples} samples each, with the partner's voice where there is one,
 true motion of the same sounds at 25 fps (its main sequence: [reference_ranges.md](reference_ranges.md)). A model with a
 speaker embedding is conditioned on the speaker; an unseen speaker is replaced by a fixed random training speaker.
 
-**At 25 fps {slow}; at 120 fps {fast}; as sampled {drawn}; truth {truth}.** Only head, gaze and blinks are compared.
+**At 25 fps {slow}; at 120 fps {fast}; as sampled {sampled}; truth {truth}.** Only head, gaze and blinks are compared.
 Listening, saccadic intrusions, blinks and the head contribution to large gaze shifts are rule-based layers added to the
 samples of the model ([whole.md](whole.md)). The column "as sampled" has only blinks of these, and no partner
 (`--no-postprocessing`).
@@ -73,7 +73,7 @@ class AnimationPools:
 
     slow: PooledArrays
     fast: PooledArrays
-    drawn: PooledArrays
+    sampled: PooledArrays
     true: PooledArrays
 
 
@@ -97,13 +97,13 @@ def main() -> None:
                 f"reference ranges of {name}",
             )
         )
-    slow, fast, drawn, true = (
-        join_pools(pools) for pools in zip(*((one.slow, one.fast, one.drawn, one.true) for one in found), strict=True)
+    slow, fast, sampled, true = (
+        join_pools(pools) for pools in zip(*((one.slow, one.fast, one.sampled, one.true) for one in found), strict=True)
     )
     columns = [
         measure_with_main_sequence(order_by_take(slow)),
         measure_pool(order_by_take(fast)),
-        measure_with_main_sequence(order_by_take(drawn)),
+        measure_with_main_sequence(order_by_take(sampled)),
         measure_pool(true),
     ]
     text = markdown(columns, len(clips), f" {name}" if sys.argv[1:] else "")
@@ -135,8 +135,8 @@ def extract(corpus_inputs: CorpusInputs, model: Path, numbered: tuple[int, Clip]
     animator, sound = _performer(model), corpus_inputs.corpus.speech(clip)
 
     def made(fps: float, controls: Controls) -> list[Motion]:
-        drawn = animator.generate_from_embedding(embedding, SAMPLES, SAMPLES * format_number, fps, controls, sound)
-        return [each.motion for each in drawn]
+        animations = animator.generate_from_embedding(embedding, SAMPLES, SAMPLES * format_number, fps, controls, sound)
+        return [each.motion for each in animations]
 
     def seen(motions: list[Motion]) -> PooledArrays:
         return join_pools(measurements.extract(load_clip_data(corpus_inputs, clip, motion)) for motion in motions)
@@ -159,7 +159,7 @@ def extract(corpus_inputs: CorpusInputs, model: Path, numbered: tuple[int, Clip]
 
 def load_clip_data(corpus_inputs: CorpusInputs, clip: Clip, motion: Motion) -> ClipData:
     """An animation with the data of its sound; the model has no jaw."""
-    heard = prosody(corpus_inputs.corpus.speech(clip), motion.fps, corpus_inputs.prosody)
+    sound_prosody = prosody(corpus_inputs.corpus.speech(clip), motion.fps, corpus_inputs.prosody)
     annotation = corpus_inputs.corpus.annotation(clip)
     fields = {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid}
     frames = len(motion)
@@ -168,7 +168,7 @@ def load_clip_data(corpus_inputs: CorpusInputs, clip: Clip, motion: Motion) -> C
         sound=clip.sound,
         behaviour=behaviour(motion.fps, fields, motion.valid, annotation),
         annotation=annotation,
-        frame_prosody=FrameProsody(heard.energy_dbfs[:frames], heard.f0_hz[:frames]),
+        frame_prosody=FrameProsody(sound_prosody.energy_dbfs[:frames], sound_prosody.f0_hz[:frames]),
         axis_divergence_rad=axis_divergence_rad(corpus_inputs, clip),
     )
 
@@ -217,9 +217,9 @@ def markdown(columns: Sequence[Measurements], sounds: int, words: str) -> str:
             cells = [cell(reference_range, each.get(reference_range.name)) for each in columns]
             label = page.label(reference_range).replace("|", "\\|")
             rows.append(markdown_row([label, page.range_text(reference_range), *cells]))
-    slow, fast, drawn, truth = map(counts, columns)
+    slow, fast, sampled, truth = map(counts, columns)
     introduction = INTRODUCTION.format(
-        words=words, sounds=sounds, samples=SAMPLES, slow=slow, fast=fast, drawn=drawn, truth=truth
+        words=words, sounds=sounds, samples=SAMPLES, slow=slow, fast=fast, sampled=sampled, truth=truth
     )
     return introduction + "\n".join([*rows, ""])
 

@@ -22,7 +22,7 @@ FURTHER_TAKES = range(1000, 1004)
 
 def sound_of(settings: plan.SynthesizeSettings, clip: Clip) -> plan.PlannedSound:
     """The planned sound of a clip."""
-    return plan.sounds(settings)[int(clip.sound.rsplit("-", 1)[1])]
+    return plan.plan_sounds(settings)[int(clip.sound.rsplit("-", 1)[1])]
 
 
 def regenerate_take(corpus_inputs: CorpusInputs, clip: Clip, take: int) -> Take:
@@ -30,7 +30,7 @@ def regenerate_take(corpus_inputs: CorpusInputs, clip: Clip, take: int) -> Take:
     settings = corpus_inputs.settings
     assert settings is not None
     sound = sound_of(settings, clip)
-    rng = plan.generator(settings.seed, "motion", sound.index, take)
+    rng = plan.seeded_generator(settings.seed, "motion", sound.index, take)
     annotation, style = corpus_inputs.corpus.annotation(clip), plan.speaker_of(settings, sound).style
     return sample_take(annotation, style, clip.seconds, rng, settings.blink_profile)
 

@@ -29,7 +29,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import SPLITS, Clip
 from talkingeyes.corpus.splits import split_sounds
-from talkingeyes.corpus.statistics import corpus_statistics, table
+from talkingeyes.corpus.statistics import corpus_statistics, statistics_table
 from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
 from talkingeyes.orchestration.run import Report, Workspace, code_digest, main, parallel_map
 from talkingeyes.synthesis import plan
@@ -73,7 +73,7 @@ def run(workspace: Workspace) -> Report:
         clips = [clip for takes in made for clip in takes]
         shutil.rmtree(folder / "rows")
         Corpus(folder).write_index(clips)
-        row = table("synthesize", corpus_statistics(clips), "synthesised")
+        row = statistics_table("synthesize", corpus_statistics(clips), "synthesised")
         (folder / "table1.md").write_text(row)
     print(row, end="")
     return Report(metrics=_summary(clips))
@@ -81,7 +81,7 @@ def run(workspace: Workspace) -> Report:
 
 def sound_jobs(settings: SynthesizeSettings) -> list[SoundJob]:
     """All sounds with their splits and takes. Raises InputError if a split is empty."""
-    sounds = plan.sounds(settings)
+    sounds = plan.plan_sounds(settings)
     speaker_of = {sound.id: plan.speaker_name(sound.speaker) for sound in sounds}
     split = split_sounds(speaker_of, dict.fromkeys(speaker_of, ()), settings.seed)
     several = _multi_take_sounds(split, settings)
@@ -97,7 +97,7 @@ def _multi_take_sounds(split: Mapping[str, str], settings: SynthesizeSettings) -
                 f"synthesize.clips: should be enough for every split ({name} has none), got {settings.clips}"
             )
         if name in ("test", "unseen"):
-            rng = plan.generator(settings.seed, "takes", SPLITS.index(name))
+            rng = plan.seeded_generator(settings.seed, "takes", SPLITS.index(name))
             count = min(settings.multi_take_sounds, len(members))
             chosen.update(str(sound) for sound in rng.choice(members, count, replace=False))
     return chosen
@@ -121,10 +121,10 @@ def synthesize_speech(root: Path, settings: SynthesizeSettings, job: SoundJob) -
     """Synthesize one sound and write it with its annotation. Noise and room change the sound, not the annotation."""
     sound = job.sound
     source = settings.sources[sound.source]
-    rng = plan.generator(settings.seed, "sound", sound.index)
+    rng = plan.seeded_generator(settings.seed, "sound", sound.index)
     speaker_voices, partition = plan.dialogue_voices(settings, sound), SPLIT_PARTITIONS[job.split]
     spoken = synthesize_conversation(speaker_voices, source.shortest_s, source.longest_s, rng, partition)
-    rng = plan.generator(settings.seed, "acoustics", sound.index)
+    rng = plan.seeded_generator(settings.seed, "acoustics", sound.index)
     spoken = replace(
         spoken,
         sound=apply_acoustics(spoken.sound, settings.acoustics, rng),
@@ -143,10 +143,10 @@ def synthesize_takes(root: Path, settings: SynthesizeSettings, job: SoundJob, sp
     clips = []
     for number in range(job.takes):
         clip = _clip_row(job, spoken, number, settings.fps)
-        rng = plan.generator(settings.seed, "motion", sound.index, number)
+        rng = plan.seeded_generator(settings.seed, "motion", sound.index, number)
         take = sample_take(spoken.annotation, speaker.style, clip.seconds, rng, settings.blink_profile)
         motion = take.motion(settings.fps, int(len(spoken.sound) * settings.fps) // SAMPLE_RATE)
-        rng = plan.generator(settings.seed, "noise", sound.index, number)
+        rng = plan.seeded_generator(settings.seed, "noise", sound.index, number)
         seen = observe(motion, make_camera(settings.camera, rng), settings.noise, rng, identity)
         Corpus(root).write_clip(clip.id, seen, motion, take.events)
         clips.append(replace(clip, content_hash=_content_hash(spoken.sound, motion)))

@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, checksums, main
-from talkingeyes.tracking.report import summary
+from talkingeyes.tracking.report import yield_summary
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.workflows.track import track
 
@@ -23,7 +23,7 @@ def run(workspace: Workspace, videos: str) -> Report:
     tracked = track([Path(videos)], folder, settings, jobs=workspace.jobs)
     (folder / CHECKSUMS_FILE).unlink(missing_ok=True)
     (folder / CHECKSUMS_FILE).write_text(checksums(folder))
-    total = summary(tracked.outcomes)
+    total = yield_summary(tracked.outcomes)
     return Report(metrics={name: float(value) for name, value in total.items() if name != "rejected"})
 
 

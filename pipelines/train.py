@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from talkingeyes.core.settings import validate_section
-from talkingeyes.corpus.faces import faces
+from talkingeyes.corpus.faces import face_recordings
 from talkingeyes.corpus.poses import pose_recordings
 from talkingeyes.corpus.recordings import Normaliser, recordings
 from talkingeyes.corpus.store import Corpus
@@ -128,10 +128,10 @@ def _face(workspace: Workspace, name: str, settings: FaceTaskSettings, seed: int
 
 def _face_data(workspace: Workspace) -> FaceData:
     corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
-    train_faces = faces(corpus, fit, embed, "train")
+    train_faces = face_recordings(corpus, fit, embed, "train")
     basis = FaceBasis(train_faces.head_model, train_faces.expression_names)
     vocabulary = StyleVocabulary.of(train_faces.clips)
-    return FaceData(train_faces, faces(corpus, fit, embed, "val"), basis, vocabulary, Normaliser.of(embed))
+    return FaceData(train_faces, face_recordings(corpus, fit, embed, "val"), basis, vocabulary, Normaliser.of(embed))
 
 
 def _poses(workspace: Workspace, name: str, settings: PoseTaskSettings, seed: int) -> Report:

@@ -24,7 +24,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.recordings import Recordings, recordings
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.corpus.sound_groups import SoundGroup, sounds
+from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.benchmark.corr import CRITICS, SHUFFLED_SOUNDS, corr_scores
 from talkingeyes.evaluation.benchmark.paired import (
@@ -97,7 +97,7 @@ def run(workspace: Workspace, name: str) -> Report:
 def _sounds(paths: InputPaths, settings: ValidateSettings) -> list[SoundGroup]:
     """The sounds of val whose first take was fitted."""
     corpus = Corpus(paths.corpus)
-    found = sounds(corpus, paths.fit, paths.embed, ("val",), SHUFFLED_SOUNDS, settings.seed)
+    found = group_sounds(corpus, paths.fit, paths.embed, ("val",), SHUFFLED_SOUNDS, settings.seed)
     if not found:
         raise InputError(f"{corpus.root}: should contain a fitted clip in val, got none")
     return found
@@ -114,19 +114,19 @@ def validate_sound(paths: InputPaths, settings: ValidateSettings, sound: SoundGr
     sampled = _generator(paths.model).generate(speech, seeds, clip.fps, conditioning)
     own = _single_sample(Motion.of(clip.fps, fitted.head.astype(float), fitted.gaze.astype(float)))
     under = [np.array(other.speech) for other in others]
-    heard = corr_scores(evaluators.critics, speech, under, sampled.head, sampled.gaze)
+    scores = corr_scores(evaluators.critics, speech, under, sampled.head, sampled.gaze)
     takes = _takes(corpus, paths, sound)
     annotation = corpus.annotation(clip)
     motion_sets = pair_with_truth(sample_behaviours(sampled, annotation), motion_behaviours(takes, annotation))
     return SoundValidation(
-        {part: float(heard[critic].matched.mean()) for part, critic in CRITICS.items()},
+        {part: float(scores[critic].matched.mean()) for part, critic in CRITICS.items()},
         {
             part: float(evaluators.critics[critic](speech, own.head, own.gaze).mean())
             for part, critic in CRITICS.items()
         },
         motion_dynamics(sampled),
         motion_dynamics(_single_sample(takes[0]) if corpus.has_truth else own),
-        sound_statistics(motion_sets, heard, evaluators.critics, evaluators.encoder, speech, under),
+        sound_statistics(motion_sets, scores, evaluators.critics, evaluators.encoder, speech, under),
     )
 
 

@@ -1,4 +1,4 @@
-"""A small scene for tests of fitting: known motion and a simulated observation with the noise of FACTS, section 8."""
+"""A small scene for tests of fitting: known motion and a simulated observation with detector noise."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy import ndarray
 from talkingeyes.core.motion import Blink, Events, Motion, Saccade
 from talkingeyes.core.rotation import eye_in_head
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.landmarks import head_to_scene, landmarks, pupils
+from talkingeyes.head.landmarks import head_to_scene, landmarks, pupil_centres
 from talkingeyes.head.observation import Observation
 from talkingeyes.physiology import saccades as main_sequence_model
 
@@ -36,7 +36,7 @@ def scene(seed: int, frames: int = 220, noise: float = 1.0, blinks: bool = True)
     times_s = np.arange(frames) / FPS
     shifts = draw_saccades(seconds, rng)
     space = (
-        main_sequence_model.path(shifts, (0.0, 0.0), times_s)[:, None]
+        main_sequence_model.gaze_path(shifts, (0.0, 0.0), times_s)[:, None]
         + KAPPA_RAD
         + np.radians([[-1.2, 0.0], [1.2, 0.0]])
     )
@@ -54,7 +54,7 @@ def observe(motion: Motion, rng: np.random.Generator, noise: float) -> Observati
     """Landmarks and pupils in pixels; a pupil is hidden while its eye is open by less than 0.35."""
     points = landmarks(motion.gaze, motion.lid, motion.jaw)
     marks = CAMERA.project(head_to_scene(points, motion.head, motion.translation))
-    exact = CAMERA.project(head_to_scene(pupils(motion.gaze), motion.head, motion.translation))
+    exact = CAMERA.project(head_to_scene(pupil_centres(motion.gaze), motion.head, motion.translation))
     marks = marks + noise * rng.normal(0, 0.3, marks.shape)
     seen = exact + noise * pupil_error(exact, motion, rng)
     seen[motion.lid > 0.65] = np.nan
@@ -62,7 +62,7 @@ def observe(motion: Motion, rng: np.random.Generator, noise: float) -> Observati
 
 
 def pupil_error(exact: Float[ndarray, "T 2 2"], motion: Motion, rng: np.random.Generator) -> Float[ndarray, "T 2 2"]:
-    """The raw detector of FACTS, section 8: bias, slow error, white noise, gain below 1, rare bursts."""
+    """The raw detector: bias, slow error, white noise, gain below 1, rare bursts."""
     frames = len(exact)
     shared, own = rng.normal(size=(1, 1, 2)), rng.normal(size=(1, 2, 2))
     bias = 0.35 * (np.sqrt(0.6) * shared + np.sqrt(0.4) * own)
@@ -71,7 +71,7 @@ def pupil_error(exact: Float[ndarray, "T 2 2"], motion: Motion, rng: np.random.G
     for frame in range(1, frames):
         slow[frame] = 0.95 * slow[frame - 1] + rng.normal(0, 0.35 * np.sqrt(1 - 0.95**2), (2, 2))
     white = rng.normal(0, rng.uniform(0.15, 0.30), (frames, 2, 2))
-    at_rest = CAMERA.project(head_to_scene(pupils(0 * motion.gaze), motion.head, motion.translation))
+    at_rest = CAMERA.project(head_to_scene(pupil_centres(0 * motion.gaze), motion.head, motion.translation))
     gain = np.array([rng.uniform(0.92, 1.0), rng.uniform(0.80, 0.95)])
     error = (bias + slow + white) * (1 + 0.5 * np.abs(motion.head[:, 1]) / np.radians(30))[:, None, None]
     error += (gain - 1) * (exact - at_rest)
@@ -88,7 +88,7 @@ def draw_saccades(seconds: float, rng: np.random.Generator) -> tuple[Saccade, ..
     onset, here = rng.uniform(0.2, 0.6), np.zeros(2)
     while onset < seconds - 0.2:
         there = np.clip(here * 0.4 + rng.normal(0, np.radians([6.0, 3.5])), -0.4, 0.3)
-        shifts.append(main_sequence_model.saccade(onset, here, there, rng))
+        shifts.append(main_sequence_model.sample_saccade(onset, here, there, rng))
         here, onset = there, onset + max(0.2, float(rng.lognormal(np.log(0.55), 0.6)))
     return tuple(shifts)
 

@@ -29,7 +29,7 @@ def scene(onsets_s: list[float], amplitude_deg: float, fps: float, seconds: floa
     starts = [(0.0, 0.0), *ends[:-1]]
     law = float(saccades.duration_s(amplitude)), float(saccades.skew(amplitude))
     true = [Saccade(o, law[0], s, e, law[1]) for o, s, e in zip(onsets_s, starts, ends, strict=True)]
-    return true, saccades.path(true, (0.0, 0.0), np.arange(int(seconds * fps)) / fps)
+    return true, saccades.gaze_path(true, (0.0, 0.0), np.arange(int(seconds * fps)) / fps)
 
 
 @pytest.mark.parametrize("amplitude_deg", [3.0, 8.0, 20.0])
@@ -46,9 +46,9 @@ def test_saccades_are_found_with_onset_and_amplitude(amplitude_deg: float) -> No
 def test_drift_before_a_saccade_does_not_make_it_early() -> None:
     """Eyes at the limit of their range are carried by the head, not much slower than a saccade."""
     times = np.arange(50) / 25.0
-    jump = saccades.saccade(1.0, np.zeros(2), np.radians([24.0, 7.0]), np.random.default_rng(0))
+    jump = saccades.sample_saccade(1.0, np.zeros(2), np.radians([24.0, 7.0]), np.random.default_rng(0))
     drift = np.radians(0.3) * 25.0 * np.clip(times - 0.7, 0.0, 0.3)
-    space = saccades.path((jump,), jump.start_rad, times) + drift[:, None] * [1.0, 0.0]
+    space = saccades.gaze_path((jump,), jump.start_rad, times) + drift[:, None] * [1.0, 0.0]
     (found,) = find_saccades(space, 25.0)
     assert found.onset_s == pytest.approx(jump.onset_s, abs=0.012)
 

@@ -51,7 +51,7 @@ def test_actions_of_the_left_move_the_subjects_left() -> None:
 
 
 def test_the_eyeball_is_two_spheres_that_meet_at_the_iris() -> None:
-    ball = eyeball.eyeball()
+    ball = eyeball.build_eyeball()
     iris = ball.vertices[ball.iris]
     np.testing.assert_allclose(np.linalg.norm(iris, axis=1), eyeball.SCLERA_RADIUS_M)
     centre = [0, 0, eyeball.CORNEA_CENTRE_M]

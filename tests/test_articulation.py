@@ -15,7 +15,7 @@ from talkingeyes.head.landmark_definitions import LANDMARK_NAMES
 from talkingeyes.head.landmarks import motion_landmarks
 from talkingeyes.head.posing import expression_shape_names
 from talkingeyes.physiology import articulation, face
-from talkingeyes.physiology.articulation import ArticulationStyle, mouth
+from talkingeyes.physiology.articulation import ArticulationStyle, mouth_motion
 from talkingeyes.physiology.face import FACE_SHAPES, BrowRaise, FacialBehaviour
 from talkingeyes.synthesis.brows import sample_brow_raises
 
@@ -35,14 +35,14 @@ def said(symbols, stressed="aouiE", loudness=1.0):
 def shown(symbols, style=USUAL, mood=None):
     """A motion with one frame at each apex."""
     phonemes, times = said(symbols)
-    spoken = mouth(phonemes, times, style)
+    spoken = mouth_motion(phonemes, times, style)
     still = np.zeros((len(times), 3))
     return Motion.of(
         25.0,
         still,
         np.zeros((len(times), 2, 3)),
         jaw=spoken.jaw,
-        expression=face.expression(mood or FacialBehaviour(), spoken, times, np.ones(len(times))),
+        expression=face.expression_weights(mood or FacialBehaviour(), spoken, times, np.ones(len(times))),
         expression_names=FACE_SHAPES,
     )
 
@@ -62,13 +62,13 @@ def mouth_width_m(motion):
 
 def test_the_jaw_opens_for_vowels_and_closes_in_silence():
     phonemes, times = said(["m", "a", "m", "a", "m"])
-    jaw = mouth(phonemes, np.append(times, 3.0), USUAL).jaw[:, 0]
+    jaw = mouth_motion(phonemes, np.append(times, 3.0), USUAL).jaw[:, 0]
     assert jaw[1] > 2 * jaw[2] and jaw[3] > 2 * jaw[4] and jaw[5] < 0.01
-    assert jaw[1] > 2 * mouth(*said(["m", "i", "m"]), USUAL).jaw[1, 0]
-    assert mouth(phonemes, times, replace(USUAL, jaw_scale=50.0)).jaw[1, 0] == articulation.JAW_LIMIT_RAD
-    assert np.array_equal(mouth((), times, USUAL).jaw, np.zeros((5, 3)))
-    assert np.allclose(mouth((), times, replace(USUAL, jaw_rest_rad=0.05)).jaw[:, 0], 0.05)
-    assert mouth(phonemes, times, replace(USUAL, jaw_asymmetry=0.2)).jaw[1, 1] == pytest.approx(0.2 * jaw[1])
+    assert jaw[1] > 2 * mouth_motion(*said(["m", "i", "m"]), USUAL).jaw[1, 0]
+    assert mouth_motion(phonemes, times, replace(USUAL, jaw_scale=50.0)).jaw[1, 0] == articulation.JAW_LIMIT_RAD
+    assert np.array_equal(mouth_motion((), times, USUAL).jaw, np.zeros((5, 3)))
+    assert np.allclose(mouth_motion((), times, replace(USUAL, jaw_rest_rad=0.05)).jaw[:, 0], 0.05)
+    assert mouth_motion(phonemes, times, replace(USUAL, jaw_asymmetry=0.2)).jaw[1, 1] == pytest.approx(0.2 * jaw[1])
 
 
 @pytest.mark.parametrize("symbol", ["p", "b", "m"])
@@ -84,7 +84,7 @@ def test_lips_meet_between_any_vowels(symbol):
 def test_closed_lips_are_seen_at_25_frames_a_second():
     phonemes, _ = said(["a", "b", "a"])
     for shift in np.linspace(0, 0.04, 9):
-        assert mouth(phonemes, np.arange(0, 0.36, 0.04) + shift, USUAL).closed.max() > 0.99
+        assert mouth_motion(phonemes, np.arange(0, 0.36, 0.04) + shift, USUAL).closed.max() > 0.99
 
 
 def test_lips_are_narrow_and_forward_for_round_vowels_and_wide_for_i():
@@ -113,14 +113,14 @@ def test_phonemes_are_coarticulated():
 
 def test_a_diphthong_has_two_apexes():
     phonemes = [Phoneme(0.0, 0.3, "aI", True)]
-    early, late = mouth(phonemes, np.array([0.09, 0.24]), USUAL).jaw[:, 0]
+    early, late = mouth_motion(phonemes, np.array([0.09, 0.24]), USUAL).jaw[:, 0]
     assert early > 1.5 * late
     assert articulation.phoneme_targets("aI@") == articulation.phoneme_targets("a") != articulation.phoneme_targets("t")
     assert articulation.phoneme_targets("tS") != articulation.phoneme_targets("t")
 
 
 def test_loud_vowels_open_further():
-    soft, loud = (mouth(*said(["t", "a", "t"], loudness=level), USUAL).jaw[1, 0] for level in (0.4, 2.0))
+    soft, loud = (mouth_motion(*said(["t", "a", "t"], loudness=level), USUAL).jaw[1, 0] for level in (0.4, 2.0))
     assert loud > 1.3 * soft
 
 
@@ -138,8 +138,8 @@ def test_loudness_is_that_of_the_sound():
 def test_mouth_stays_valid_for_any_speech(symbols):
     phonemes, _ = said(symbols)
     times = np.arange(-0.2, len(symbols) * STEP_S + 0.2, 0.02)
-    spoken = mouth(phonemes, times, USUAL)
-    weights = face.expression(FacialBehaviour(), spoken, times, np.ones(len(times)))
+    spoken = mouth_motion(phonemes, times, USUAL)
+    weights = face.expression_weights(FacialBehaviour(), spoken, times, np.ones(len(times)))
     assert (spoken.jaw[:, 0] >= 0).all() and (spoken.jaw[:, 0] <= articulation.JAW_LIMIT_RAD).all()
     assert (weights >= 0).all() and (weights <= 1).all()
 
@@ -148,12 +148,12 @@ def test_frames_do_not_depend_on_each_other():
     """The output depends only on the nearest phonemes, at any frame rate; more distant ones have no visible effect."""
     phonemes, _ = said(["t", "a", "m", "u"] * 30)
     times = np.arange(0, 14, 0.01)
-    whole = mouth(phonemes, times, USUAL)
-    assert np.array_equal(mouth(phonemes, times[::4], USUAL).jaw, whole.jaw[::4])
+    whole = mouth_motion(phonemes, times, USUAL)
+    assert np.array_equal(mouth_motion(phonemes, times[::4], USUAL).jaw, whole.jaw[::4])
     every = articulation.NEAREST_PHONEMES
     articulation.NEAREST_PHONEMES = len(phonemes)
     try:
-        assert np.abs(mouth(phonemes, times, USUAL).jaw - whole.jaw).max() < 1e-4
+        assert np.abs(mouth_motion(phonemes, times, USUAL).jaw - whole.jaw).max() < 1e-4
     finally:
         articulation.NEAREST_PHONEMES = every
 

@@ -136,7 +136,7 @@ def test_damaged_files_are_read_or_one_line_errors(tmp_path: Path, format: str) 
     """Truncated, or with some bytes changed."""
     good = tmp_path / f"good{'.npz' if format == 'motion' else convert.FORMATS[format].suffix}"
     shown = toy_motions.flame_motion().cut(0, 12) if format == "flame" else toy_motions.motion().cut(0, 12)
-    shown.save(good) if format == "motion" else convert.write(shown, None, format, good)
+    shown.save(good) if format == "motion" else convert.write_motion(shown, None, format, good)
     content, rng = good.read_bytes(), np.random.default_rng(0)
     bad, refused = good.with_stem("bad"), 0
     for index in range(24):

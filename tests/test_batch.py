@@ -126,7 +126,7 @@ def test_unexpected_error_is_a_row(place: Path, monkeypatch: pytest.MonkeyPatch)
     def broken(*_: object, **__: object) -> None:
         raise RuntimeError("two\nlines")
 
-    monkeypatch.setattr(animation, "write", broken)
+    monkeypatch.setattr(animation, "write_animation", broken)
     (line,) = animate_all(["lines/a.wav"], "out", ORDER)
     assert (line.status, line.reason) == ("failed", "RuntimeError: two lines")
 

@@ -89,7 +89,7 @@ def test_liveliness_controls_increase_what_they_name() -> None:
 def course_of(shifts: int, *amplitudes_deg: float) -> GazeTrajectory:
     """2,000 seconds of a still head with a gaze shift every ten seconds, of these sizes in turn."""
     rng, to = np.random.default_rng(0), np.radians([[size, 0.0] for size in amplitudes_deg])
-    made = [saccades.saccade(10.0 * k, np.zeros(2), to[k % len(to)], rng) for k in range(shifts)]
+    made = [saccades.sample_saccade(10.0 * k, np.zeros(2), to[k % len(to)], rng) for k in range(shifts)]
     return GazeTrajectory(25.0, np.zeros((50_000, 3)), np.zeros((50_000, 2, 2)), tuple(made))
 
 

@@ -54,7 +54,7 @@ def test_listeners_look_more_than_talkers(annotation, styles):
     listening = [share(each, annotation.listening) for each in states]
     assert 0.45 <= np.mean(talking) <= 0.70 and np.std(talking) >= 0.08
     assert 0.70 <= np.mean(listening) <= 0.95
-    assert np.corrcoef(talking, [style.look for style in styles])[0, 1] > 0.7
+    assert np.corrcoef(talking, [style.partner_gaze_speaking for style in styles])[0, 1] > 0.7
 
 
 def test_quiet_eyes_look_away_less(annotation, styles):
@@ -74,7 +74,7 @@ def test_quiet_eyes_look_away_less(annotation, styles):
 
 
 def test_aversion_direction_depends_on_cause(annotation, styles):
-    style = replace(styles[0], speech_coupling=1.0, look=0.55)
+    style = replace(styles[0], speech_coupling=1.0, partner_gaze_speaking=0.55)
     cues = [sample_gaze_cues(annotation, style, np.random.default_rng(seed)) for seed in range(20)]
     starts = [look for each in cues for look in each.aversions]
     turns = annotation.speaking[::4]
@@ -105,13 +105,13 @@ def test_listeners_nod_after_phrases_and_blink_after_them(annotation, styles):
     moves = [
         m
         for k, style in enumerate(styles)
-        for m in head_gestures.backchannels(annotation, style, np.random.default_rng(k))
+        for m in head_gestures.listener_nods(annotation, style, np.random.default_rng(k))
     ]
     ends = np.array([span.end_s for span in annotation.partner])
     firsts = [m for m in moves if m.delta_rad[0] > 0]
     assert firsts and all((m.onset_s - ends[ends <= m.onset_s].max()) < 3.0 for m in firsts)
     assert sum(m.delta_rad[0] for m in moves) == pytest.approx(0.0, abs=1e-9)
-    assert not head_gestures.backchannels(Annotation(), styles[0], np.random.default_rng(0))
+    assert not head_gestures.listener_nods(Annotation(), styles[0], np.random.default_rng(0))
     onsets = [
         b.onset_s
         for k in range(40)
@@ -140,7 +140,10 @@ def test_emotions_change_style_by_intensity(styles):
     assert set(EMOTION_FACTORS) == set(EMOTIONS)
     assert emotional_style(style, "neutral", 1.0) == style
     weak, strong = (emotional_style(style, "sad", amount) for amount in (0.3, 1.0))
-    assert strong.head_scale < weak.head_scale < style.head_scale and strong.look < weak.look < style.look
+    assert (
+        strong.head_scale < weak.head_scale < style.head_scale
+        and strong.partner_gaze_speaking < weak.partner_gaze_speaking < style.partner_gaze_speaking
+    )
     assert strong.rest_pitch > weak.rest_pitch > style.rest_pitch
     assert emotional_style(style, "angry", 1.0).head_scale > style.head_scale
     for emotion in EMOTIONS:

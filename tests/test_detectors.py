@@ -37,13 +37,13 @@ def chain(seed=0, min_deg=2.0, seconds=SECONDS):
         direction = saccades.sample_directions(1, rng)[0]
         step = size * direction / np.hypot(*direction)
         target = place + (step if np.hypot(*(place + step)) < 0.4 else -step)
-        made.append(saccades.saccade(time_s, place, target, rng))
+        made.append(saccades.sample_saccade(time_s, place, target, rng))
         place, time_s = target, time_s + rng.uniform(0.25, 0.9)
     return made
 
 
 def gaze_at(fps, made, noise_deg=0.0, seconds=SECONDS):
-    path = saccades.path(made, (0.0, 0.0), np.arange(int(seconds * fps)) / fps)
+    path = saccades.gaze_path(made, (0.0, 0.0), np.arange(int(seconds * fps)) / fps)
     return path + np.radians(noise_deg) * np.random.default_rng(1).standard_normal(path.shape)
 
 
@@ -199,7 +199,7 @@ def test_blinks_are_found(fps):
     drawn = [each for each in drawn_blinks() if blinks.end_s(each) < 119.5 and each.onset_s > 0.1]
     times_s = np.arange(int(120 * fps)) / fps
     rest = 0.05 + 0.03 * np.sin(2 * np.pi * 0.3 * times_s)
-    lid = rest + (1 - rest) * blinks.closure(drawn, times_s)
+    lid = rest + (1 - rest) * blinks.blink_closure(drawn, times_s)
     found = detect_blinks(np.stack([lid, lid], axis=1), fps)
     agreed = count_matches(found.onset_s, np.array([each.onset_s for each in drawn]), 0.06).score
     assert agreed.precision == 1.0 and agreed.recall == 1.0 and abs(agreed.onset_error_s) < 0.03
@@ -215,13 +215,13 @@ def test_other_closures_are_no_blinks():
     wide = -0.2 * np.ones(500)
     assert not len(detect_blinks(squint, 25.0)) and not len(detect_blinks(asleep, 25.0))
     assert not len(detect_blinks(wide, 25.0)) and not len(detect_blinks(np.zeros((500, 2)), 25.0))
-    lid = blinks.closure([Blink(5.0, 0.08, 0.03, 0.2, 1.0)], times_s)
+    lid = blinks.blink_closure([Blink(5.0, 0.08, 0.03, 0.2, 1.0)], times_s)
     assert len(detect_blinks(lid, 25.0)) == 1 and not len(detect_blinks(lid, 25.0, times_s < 4.9))
 
 
 def test_two_blinks_in_a_row_are_two_and_a_flutter_is_one():
     times_s = np.arange(2000) / 100
-    twice = blinks.closure([Blink(5.0, 0.08, 0.03, 0.2, 1.0), Blink(5.35, 0.08, 0.03, 0.2, 1.0)], times_s)
+    twice = blinks.blink_closure([Blink(5.0, 0.08, 0.03, 0.2, 1.0), Blink(5.35, 0.08, 0.03, 0.2, 1.0)], times_s)
     assert len(detect_blinks(twice, 100.0)) == 2
     flutter = np.where((times_s > 5.0) & (times_s < 5.2), 0.8 + 0.1 * np.sin(times_s * 120), 0.0)
     assert len(detect_blinks(flutter, 100.0)) == 1

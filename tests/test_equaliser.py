@@ -24,7 +24,7 @@ def power(motions: list[Float[ndarray, "T 2"]]) -> Float[ndarray, " F"]:
 def test_sampled_motion_gets_the_spectrum_of_true_motion() -> None:
     true, drawn = swaying(0.8, 0), swaying(0.2, 1)
     equaliser = Equaliser(65)
-    equaliser.match(true, drawn)
+    equaliser.fit(true, drawn)
     fresh = swaying(0.2, 2)
     made = [equaliser(each[None])[0] for each in fresh]
     before, after = (np.abs(np.log(power(each) / power(true)))[1:].mean() for each in (fresh, made))
@@ -36,7 +36,7 @@ def test_unfitted_equaliser_is_the_identity() -> None:
     equaliser = Equaliser(33)
     motion = np.stack(swaying(0.8, 3, clips=2))
     np.testing.assert_allclose(equaliser(motion), motion, atol=1e-9)
-    equaliser.match(swaying(0.9, 0), swaying(0.5, 1))
+    equaliser.fit(swaying(0.9, 0), swaying(0.5, 1))
     assert np.abs(equaliser(motion) - motion).max() > 0.1
     np.testing.assert_allclose(equaliser(np.full((1, 40, 2), 3.0)), 3.0, atol=1e-9)  # a constant pose is unchanged
     equaliser.reset()
@@ -45,7 +45,7 @@ def test_unfitted_equaliser_is_the_identity() -> None:
 
 def test_equaliser_is_independent_of_batch_and_zero_phase() -> None:
     equaliser = Equaliser(33)
-    equaliser.match(swaying(0.9, 0), swaying(0.5, 1))
+    equaliser.fit(swaying(0.9, 0), swaying(0.5, 1))
     motion = np.stack(swaying(0.8, 3, clips=4))
     np.testing.assert_array_equal(equaliser(motion)[2], equaliser(motion[2:3])[0])
     np.testing.assert_allclose(equaliser(motion[:, ::-1])[:, ::-1], equaliser(motion), atol=1e-9)
@@ -54,6 +54,6 @@ def test_equaliser_is_independent_of_batch_and_zero_phase() -> None:
 @pytest.mark.parametrize("frames", [0, 33])
 def test_equaliser_ignores_short_motion(frames: int) -> None:
     equaliser = Equaliser(frames)
-    equaliser.match(swaying(0.9, 0, frames=10), swaying(0.5, 1, frames=10))
+    equaliser.fit(swaying(0.9, 0, frames=10), swaying(0.5, 1, frames=10))
     motion = np.stack(swaying(0.8, 3, clips=2))
     np.testing.assert_allclose(equaliser(motion), motion, atol=1e-9)

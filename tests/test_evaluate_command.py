@@ -14,7 +14,7 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.motion_files import clip_id_of, read_motions
 from talkingeyes.corpus.store import Corpus, make_shard_path
-from talkingeyes.workflows.evaluate import describe, evaluate
+from talkingeyes.workflows.evaluate import benchmark_text, evaluate
 
 CLIPS = 4
 
@@ -54,7 +54,7 @@ def test_truth_against_itself_writes_table_and_plot(corpus, tmp_path):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"benchmark.json", "benchmark.csv", "strip.png"}
     assert json.loads((tmp_path / "out" / "benchmark.json").read_text())["sounds"] == CLIPS
     assert found.notes == ["intervals are over sounds and too narrow for 4; use 10 or more"]
-    assert "4 sounds at 25 fps, compared with the truth under the same sounds" in describe(found)
+    assert "4 sounds at 25 fps, compared with the truth under the same sounds" in benchmark_text(found)
     with pytest.raises(InputError, match="--force"):
         evaluate(corpus / "truth", corpus, tmp_path / "out", n_resamples=20)
 

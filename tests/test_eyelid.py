@@ -16,8 +16,8 @@ from talkingeyes.head.eyelid.model import (
     LabelledPostures,
     explained_variance,
     fit_eyelid_model,
-    opening,
-    predictors,
+    gaze_predictors,
+    lid_opening_m,
 )
 
 ANGLE = st.floats(-0.6, 0.6)
@@ -47,7 +47,7 @@ def of_the_models_form(count: int, rng: np.random.Generator, noise: float = 0.0)
     rest[UPPER, 1], rest[LOWER, 1] = 0.005, -0.004
     blink = np.zeros((POINTS, 3))
     blink[UPPER, 1], blink[LOWER, 1] = -0.008, 0.001
-    curves = rest + np.tensordot(predictors(angles), weights, axes=1) + lid[:, None, None] * blink
+    curves = rest + np.tensordot(gaze_predictors(angles), weights, axes=1) + lid[:, None, None] * blink
     curves += rng.normal(0, noise, curves.shape)
     return LabelledPostures(angles, curves, held=lid == 0, shut=lid == 1)
 
@@ -64,8 +64,8 @@ def test_the_third_parameter_is_zero_when_held_and_one_when_the_lids_meet():
     labels = of_the_models_form(400, np.random.default_rng(1))
     model = fit_eyelid_model(labels)
     grid = np.stack(np.meshgrid(np.linspace(-0.3, 0.3, 5), np.linspace(-0.3, 0.3, 5)), axis=-1).reshape(-1, 2)
-    np.testing.assert_allclose(opening(model.curves(grid, np.ones(25))), 0.0, atol=1e-12)
-    half = opening(model.curves(grid, np.full(25, 0.5))) / opening(model.curves(grid, np.zeros(25)))
+    np.testing.assert_allclose(lid_opening_m(model.curves(grid, np.ones(25))), 0.0, atol=1e-12)
+    half = lid_opening_m(model.curves(grid, np.full(25, 0.5))) / lid_opening_m(model.curves(grid, np.zeros(25)))
     np.testing.assert_allclose(half, 0.5)
     held = labels.at(labels.held)
     assert np.abs(model.lid(held.angles_rad, held.curves)).mean() < 0.1
@@ -75,7 +75,7 @@ def test_the_third_parameter_is_zero_when_held_and_one_when_the_lids_meet():
 def test_closure_and_curves_are_inverse(yaw: float, pitch: float, lid: float):
     model = fit_eyelid_model(of_the_models_form(100, np.random.default_rng(2)))
     angles = np.array([[yaw, pitch]])
-    if opening(model.gaze_only_curves(angles))[0] < 1e-4:
+    if lid_opening_m(model.gaze_only_curves(angles))[0] < 1e-4:
         return
     found = model.lid(angles, model.curves(angles, np.array([lid])))
     np.testing.assert_allclose(found, lid, atol=1e-9)

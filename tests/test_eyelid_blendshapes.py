@@ -18,7 +18,7 @@ from talkingeyes.head.eyelid.anatomy import (
     sample_eyelid_parameters,
 )
 from talkingeyes.head.eyelid.blendshapes import LID_SHAPES, eyelid_weights
-from talkingeyes.head.eyelid.model import LOWER, POINTS, UPPER, explained_variance, fit_eyelid_model, opening
+from talkingeyes.head.eyelid.model import LOWER, POINTS, UPPER, explained_variance, fit_eyelid_model, lid_opening_m
 from talkingeyes.head.eyelid.postures import anatomical_lid_curves, held_out_postures, paper_postures
 from talkingeyes.head.eyelid.region import eyelid_region
 from talkingeyes.head.flame import load_flame
@@ -100,7 +100,7 @@ def test_the_curves_of_a_region_run_from_corner_to_corner(head: HeadModel):
             curve = around.points[lid]
             assert np.all(np.diff(curve[:, 0]) > -0.001)  # outwards
             np.testing.assert_allclose(curve[[0, -1]], around.points[UPPER][[0, -1]], atol=1e-12)
-        assert 0.004 < opening(around.points) < 0.013
+        assert 0.004 < lid_opening_m(around.points) < 0.013
         assert len(around.points) == POINTS + len(around.vertices)
 
 
@@ -110,7 +110,7 @@ def test_real_lids_lie_on_the_eyeball_and_the_cornea_lifts_them():
     shut = lid_points(around, np.zeros((1, 2)), np.ones(1), EyelidParameters(), np.zeros(1))[0]
     up, aside = lid_points(around, np.array([[0.0, 0.2], [0.5, 0.2]]), np.zeros(2), EyelidParameters(), np.zeros(2))
     np.testing.assert_allclose(still, around.points, atol=1e-9)
-    assert abs(opening(shut)) < 1e-3
+    assert abs(lid_opening_m(shut)) < 1e-3
     over, beside = (np.linalg.norm(points, axis=1) for points in (up, aside))
     assert (over - beside).max() > 1e-4
     ahead = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])

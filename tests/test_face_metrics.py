@@ -191,7 +191,7 @@ def felt(emotion, count, seed):
 def test_emotions_are_classified(surface):
     kinds = ("happy", "surprised")
     seen = np.concatenate([emotion_features(surface, felt(kind, 12, seed)) for seed, kind in enumerate(kinds)])
-    classifier = EmotionClassifier.learn(seen, ["happy"] * 12 + ["surprised"] * 12)
+    classifier = EmotionClassifier.fit(seen, ["happy"] * 12 + ["surprised"] * 12)
     for seed, kind in enumerate(kinds, start=10):
         assert classifier.predict(emotion_features(surface, felt(kind, 5, seed))) == [kind] * 5
     hits = np.array([1.0, 1.0, 1.0, 0.0])
@@ -201,7 +201,7 @@ def test_emotions_are_classified(surface):
 
 
 def test_a_row_compares_real_motion_with_itself_and_a_model_with_truth(surface):
-    classifier = EmotionClassifier.learn(np.eye(2, 2 * 3 * len(anny_head().landmarks.names)), ["happy", "neutral"])
+    classifier = EmotionClassifier.fit(np.eye(2, 2 * 3 * len(anny_head().landmarks.names)), ["happy", "neutral"])
     truth, sound = faces({"mouthFunnel": 0.4}, {"mouthFunnel": 0.6}), np.zeros(16000 * FRAMES // 25)
     own = FaceCase(truth, True, truth, EVERY, ANNOTATION, sound, (0,))
     model = replace(own, samples=faces({"mouthFunnel": 0.4}, {"mouthFunnel": 0.4}), includes_reference=False)
@@ -219,7 +219,7 @@ def test_a_row_compares_real_motion_with_itself_and_a_model_with_truth(surface):
 
 
 def test_frames_weigh_in_mve_and_lve_and_clips_in_the_others(surface):
-    classifier = EmotionClassifier.learn(np.eye(2, 2 * 3 * len(anny_head().landmarks.names)), ["happy", "neutral"])
+    classifier = EmotionClassifier.fit(np.eye(2, 2 * 3 * len(anny_head().landmarks.names)), ["happy", "neutral"])
     sound, figures = np.zeros(16000), []
     for weight, frames in ((0.0, 10), (1.0, 30)):
         pair = faces({}, frames=frames), faces({"mouthFunnel": weight}, frames=frames)

@@ -11,18 +11,18 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
 from talkingeyes.core.rotation import angles_to_gaze, eye_in_head, gaze_in_space, gaze_to_angles, rotvec_to_direction
 from talkingeyes.fitting.accuracy import FitReference
-from talkingeyes.fitting.blink import blink_rate_distribution, eye_aspect_ratio, find_blinks, lids
+from talkingeyes.fitting.blink import blink_rate_distribution, eye_aspect_ratio, find_blinks, fit_lids
 from talkingeyes.fitting.clip import FitSettings, fit_clip
-from talkingeyes.fitting.comparison import GroundTruth, evaluate_fit, head_error, match, with_adam
-from talkingeyes.fitting.expression import face, solve_bounded
+from talkingeyes.fitting.comparison import GroundTruth, evaluate_fit, head_error, match_blinks, with_adam
+from talkingeyes.fitting.expression import fit_expression, solve_bounded
 from talkingeyes.fitting.eye_calibration import eye_calibration, limit_to_range
 from talkingeyes.fitting.face_identity import face_identity
 from talkingeyes.fitting.gaps import hold_last, interpolate_gaps, runs
 from talkingeyes.fitting.head_pose import head_pose
-from talkingeyes.fitting.lightgazefit import PupilObservations, direction_and_jacobian, ray_gaze, solve, solve_newton
+from talkingeyes.fitting.lightgazefit import PupilObservations, direction_and_jacobian, fit_gaze, ray_gaze, solve_newton
 from talkingeyes.fitting.smoothing import (
     PiecewiseConstantSettings,
-    bursts,
+    find_bursts,
     smooth_gaze,
     smooth_version,
     whittaker_smooth,
@@ -84,7 +84,7 @@ def test_left_eye_alone_moves_only_left(settings: FitSettings):
 def test_listings_law_leaves_no_torsion_and_meets_the_pupils(settings: FitSettings):
     observations = sight_of(scene(2, frames=40))
     newton, listing = (
-        solve(observations, settings.lightgazefit.model_copy(update={"solver": solver}))
+        fit_gaze(observations, settings.lightgazefit.model_copy(update={"solver": solver}))
         for solver in ("newton", "listing")
     )
     np.testing.assert_array_equal(listing.gaze[..., 2], 0.0)
@@ -97,10 +97,10 @@ def test_long_clips_are_solved_in_blocks(settings: FitSettings, monkeypatch: pyt
     observations = sight_of(scene(3, frames=50))
     for solver in ("newton", "listing"):
         chosen = settings.lightgazefit.model_copy(update={"solver": solver})
-        whole = solve(observations, chosen)
+        whole = fit_gaze(observations, chosen)
         with monkeypatch.context() as context:
             context.setattr("talkingeyes.fitting.lightgazefit.BLOCK_FRAMES", 16)
-            parts = solve(observations, chosen)
+            parts = fit_gaze(observations, chosen)
         np.testing.assert_allclose(parts.gaze, whole.gaze, atol=1e-3)
 
 
@@ -173,16 +173,18 @@ def test_jaw_and_brows_are_found(settings: FitSettings):
     marks = CAMERA.project(head_to_scene(motion_landmarks(moving), moving.head, moving.translation))
     marks += 0.15 * rng.normal(size=marks.shape)
     pose = head_pose(marks, CAMERA, settings.head_pose, rest_landmarks())
-    found = face(marks, pose, rest_landmarks(), CAMERA, settings.face)
+    found = fit_expression(marks, pose, rest_landmarks(), CAMERA, settings.face)
     assert np.corrcoef(found.jaw[:, 0], jaw[:, 0])[0, 1] > 0.98
     assert found.jaw[:, 0].mean() / jaw[:, 0].mean() == pytest.approx(1.0, abs=0.2)
     column = found.expression[:, found.names.index("browInnerUp")]
     assert np.corrcoef(column, brow[:, 0])[0, 1] > 0.95
     assert found.expression.min() >= 0.0
     assert found.expression.max() <= 1.0
-    hidden = face(marks * np.nan, pose, rest_landmarks(), CAMERA, settings.face)
+    hidden = fit_expression(marks * np.nan, pose, rest_landmarks(), CAMERA, settings.face)
     assert not hidden.expression.any()
-    own = face(marks + (0.0, 3.0) * (np.arange(45) > 35)[:, None], pose, rest_landmarks(), CAMERA, settings.face)
+    own = fit_expression(
+        marks + (0.0, 3.0) * (np.arange(45) > 35)[:, None], pose, rest_landmarks(), CAMERA, settings.face
+    )
     assert np.isfinite(own.expression).all()
 
 
@@ -206,7 +208,7 @@ def test_newton_reaches_at_least_adams_objective(settings: FitSettings):
     by_adam = with_adam(settings).lightgazefit
     by_adam = by_adam.model_copy(update={"adam": by_adam.adam.model_copy(update={"steps": 500})})
     by_newton = settings.lightgazefit.model_copy(update={"solver": "newton"})
-    newton, adam = (solve(observations, each) for each in (by_newton, by_adam))
+    newton, adam = (fit_gaze(observations, each) for each in (by_newton, by_adam))
     assert newton.objective.sum() <= adam.objective.sum()
     assert adam.steps > 100
     seen = observations.seen.all(axis=1)
@@ -354,7 +356,7 @@ def test_gaze_shift_during_blink_is_at_its_start(settings: FitSettings):
 def test_shut_for_long_is_no_blink(settings: FitSettings):
     observed = np.full((100, 2), 0.33)
     observed[20:90] = 0.02
-    found = lids(observed, np.full((100, 2), 0.33), FPS, settings.blink.model_copy(update={"open_percentile": 90}))
+    found = fit_lids(observed, np.full((100, 2), 0.33), FPS, settings.blink.model_copy(update={"open_percentile": 90}))
     assert found.blinks == ()
     assert found.lid[50] == pytest.approx(0.94, abs=0.01)
 
@@ -394,8 +396,8 @@ def test_a_step_survives_smoothing_and_a_burst_does_not():
     noisy = space + np.radians(0.5) * rng.normal(size=space.shape)
     noisy[30:33, 1] += np.radians(15.0)
     seen = np.ones((120, 2), bool)
-    assert np.flatnonzero(bursts(noisy, seen, steps.burst)[:, 1]).tolist() == [30, 31, 32]
-    assert not bursts(noisy, seen, steps.burst)[:, 0].any()
+    assert np.flatnonzero(find_bursts(noisy, seen, steps.burst)[:, 1]).tolist() == [30, 31, 32]
+    assert not find_bursts(noisy, seen, steps.burst)[:, 0].any()
     smooth = smooth_gaze(noisy, seen, FPS, steps)
     assert np.degrees(np.abs(smooth - space)).max() < 0.6
     assert np.degrees(smooth[60] - smooth[59])[:, 0] == pytest.approx([8.0, 8.0], abs=0.6)
@@ -406,8 +408,8 @@ def test_saccades_are_fitted_with_true_speed(settings: FitSettings):
     rng = np.random.default_rng(1)
     sharp, fitted, true = [], [], []
     for onset_s in np.arange(2.0, 2.04, 0.004):
-        shift = law.saccade(onset_s, np.zeros(2), np.radians([5.0, 0.0]), rng)
-        path = law.path([shift], np.zeros(2), np.arange(100) / FPS)
+        shift = law.sample_saccade(onset_s, np.zeros(2), np.radians([5.0, 0.0]), rng)
+        path = law.gaze_path([shift], np.zeros(2), np.arange(100) / FPS)
         noisy = path + np.radians(0.6) * rng.normal(size=path.shape)
         both = np.repeat(noisy[:, None], 2, axis=1)
         seen = np.ones((100, 2), bool)
@@ -546,10 +548,10 @@ def test_gaze_unseen_for_long_is_not_valid(settings: FitSettings):
 def test_blinks_match_by_overlap():
     known = scene(11)
     true = [(round(b.onset_s * FPS), round((b.onset_s + 0.3) * FPS)) for b in known.events.blinks]
-    found = match((*true[1:], (500, 505)), known.events, FPS)
+    found = match_blinks((*true[1:], (500, 505)), known.events, FPS)
     assert found.precision == pytest.approx((len(true) - 1) / len(true))
     assert found.recall == pytest.approx((len(true) - 1) / len(true))
-    assert match((), Events(), FPS).true == 0
+    assert match_blinks((), Events(), FPS).true == 0
 
 
 def test_rates_of_blinks():

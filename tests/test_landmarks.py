@@ -17,7 +17,7 @@ from talkingeyes.head.landmarks import (
     eye_landmarks,
     head_to_scene,
     landmarks,
-    pupils,
+    pupil_centres,
 )
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
@@ -62,7 +62,7 @@ def test_points_and_pupils_are_those_of_the_posed_head():
     ]  # the skin of the neck follows in part
     np.testing.assert_allclose(head.landmarks.of(vertices)[:, on_skull], points[:, on_skull], atol=2e-5)
     np.testing.assert_allclose(
-        vertices[:, head.pupils], head_to_scene(pupils(motion.gaze), motion.head, motion.translation), atol=2e-5
+        vertices[:, head.pupils], head_to_scene(pupil_centres(motion.gaze), motion.head, motion.translation), atol=2e-5
     )
 
 
@@ -120,7 +120,7 @@ def test_left_is_the_subjects_left_and_on_the_right_of_the_picture():
 @given(ANGLES, ANGLES)
 def test_pupils_stay_on_their_sphere(x_rad: float, y_rad: float):
     gaze = np.tile([x_rad, y_rad, 0.0], (1, 2, 1))
-    reach = np.linalg.norm(pupils(gaze) - EYE_CENTRES, axis=-1)
+    reach = np.linalg.norm(pupil_centres(gaze) - EYE_CENTRES, axis=-1)
     np.testing.assert_allclose(reach, PUPIL_OFFSET_M, atol=1e-12)
 
 
@@ -129,7 +129,7 @@ def test_pupil_projection_turns_by_its_lever():
     camera = Camera(1154 * 0.925, (112.0, 112.0), 1.0, 224, 224)
     gaze = np.zeros((2, 2, 3))
     gaze[1, :, 1] = np.radians(1.0)
-    moved = np.diff(camera.project(pupils(gaze))[..., 0], axis=0)
+    moved = np.diff(camera.project(pupil_centres(gaze))[..., 0], axis=0)
     scale = camera.focal_px / (1.0 - EYE_CENTRES[0, 2] - PUPIL_OFFSET_M)
     assert moved == pytest.approx(scale * PUPIL_OFFSET_M * np.sin(np.radians(1.0)), rel=0.01)
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from talkingeyes.core.rotation import angles_to_gaze
 from talkingeyes.head.eyelid.anatomy import EyelidParameters, upper_lid_rotation_rad
-from talkingeyes.head.eyelid.model import predictors
+from talkingeyes.head.eyelid.model import gaze_predictors
 from talkingeyes.head.landmark_definitions import EYE_LANDMARKS
 from talkingeyes.head.landmarks import EYE_CENTRES, landmarks
 from talkingeyes.physiology import lids
@@ -64,7 +64,7 @@ def test_the_form_of_the_model_explains_most_but_not_all():
         rng = np.random.default_rng(seed)
         lid = followed(angles, sample_eyelids(rng), _lid_drift(rng).at(times))
         height = upper_deg(angles, lid)[:, 0]
-        inputs = np.column_stack([predictors(angles[:, 0]), np.ones(len(height))])
+        inputs = np.column_stack([gaze_predictors(angles[:, 0]), np.ones(len(height))])
         left = height - inputs @ np.linalg.lstsq(inputs, height, rcond=None)[0]
         assert 0.85 < 1 - left.var() / height.var() < 0.97
 

@@ -27,7 +27,7 @@ def straight(amplitude_deg, onset_s=0.1, direction=(1.0, 0.0)):
 
 def speeds_deg_s(saccade, fps, shift_s=0.0):
     """Speeds between the samples of one saccade."""
-    path = saccades.path((saccade,), saccade.start_rad, np.arange(0.0, 0.6, 1.0 / fps) + shift_s)
+    path = saccades.gaze_path((saccade,), saccade.start_rad, np.arange(0.0, 0.6, 1.0 / fps) + shift_s)
     return np.degrees(np.linalg.norm(np.diff(path, axis=0), axis=1)) * fps
 
 
@@ -54,19 +54,19 @@ def test_25_fps_sees_part_of_the_peak(amplitude_deg, ratio):
 @given(st.floats(0.2, 40), st.floats(0, 2 * np.pi), st.floats(0.0, 0.2))
 def test_a_saccade_runs_straight_from_start_to_end(amplitude_deg, angle, onset_s):
     saccade = straight(amplitude_deg, onset_s, (np.cos(angle), np.sin(angle)))
-    path = saccades.path((saccade,), saccade.start_rad, np.linspace(0.0, 0.5, 300))
+    path = saccades.gaze_path((saccade,), saccade.start_rad, np.linspace(0.0, 0.5, 300))
     along = path @ [np.cos(angle), np.sin(angle)]
     assert (np.diff(along) >= 0).all()
     assert np.allclose(path[-1], saccade.end_rad)
-    assert np.allclose(saccades.path((saccade,), saccade.start_rad, np.array([onset_s])), 0.0)
+    assert np.allclose(saccades.gaze_path((saccade,), saccade.start_rad, np.array([onset_s])), 0.0)
 
 
 def test_a_chain_holds_between_saccades():
     first = straight(5, 0.1)
     second = Saccade(0.5, 0.04, first.end_rad, (0.0, 0.1), 0.45)
-    path = saccades.path([first, second], (9.0, 9.0), np.array([0.0, 0.3, 0.5, 0.9]))
+    path = saccades.gaze_path([first, second], (9.0, 9.0), np.array([0.0, 0.3, 0.5, 0.9]))
     assert np.allclose(path, [(0, 0), first.end_rad, first.end_rad, (0, 0.1)])
-    assert np.allclose(saccades.path([], (0.1, 0.2), np.zeros(2)), [(0.1, 0.2)] * 2)
+    assert np.allclose(saccades.gaze_path([], (0.1, 0.2), np.zeros(2)), [(0.1, 0.2)] * 2)
 
 
 def test_eyes_alive():
@@ -84,7 +84,7 @@ def test_eyes_alive():
 
 def test_sampled_saccades_scatter_about_the_main_sequence():
     rng = np.random.default_rng(0)
-    drawn = [saccades.saccade(0.0, np.zeros(2), np.array([0.1, 0.0]), rng) for _ in range(500)]
+    drawn = [saccades.sample_saccade(0.0, np.zeros(2), np.array([0.1, 0.0]), rng) for _ in range(500)]
     logs = np.log([each.duration_s / saccades.duration_s(0.1) for each in drawn])
     assert abs(logs.mean()) < 0.02 and logs.std() == pytest.approx(0.08, abs=0.015)
 
@@ -144,7 +144,7 @@ def test_vergence_is_slow_and_opens_in_saccades():
     assert path[1400] > far and path[-1] == pytest.approx(near, rel=1e-4)
     opened = vergence.vergence_path((), [straight(10, 1.0)], times)
     assert np.degrees(opened.min()) == pytest.approx(-0.5, abs=0.01) and opened[1200] == 0.0 == opened[1000]
-    assert not vergence.divergence([straight(10, 1.0, (0.0, 1.0))], times).any()
+    assert not vergence.saccadic_divergence([straight(10, 1.0, (0.0, 1.0))], times).any()
 
 
 def test_kappa_is_between_the_line_of_sight_and_the_pupil():
@@ -224,13 +224,13 @@ def test_blink_kinematics():
 def test_closure_stays_between_open_and_shut(onsets, seed):
     rng = np.random.default_rng(seed)
     drawn = blinks.drop_overlapping([blinks.sample_blink(blinks.PHYSIOLOGICAL, onset, rng) for onset in onsets])
-    shut = blinks.closure(drawn, np.linspace(0.0, 10.0, 1001))
+    shut = blinks.blink_closure(drawn, np.linspace(0.0, 10.0, 1001))
     assert (shut >= 0.0).all() and (shut <= 1.0).all()
 
 
 def test_closure_reaches_the_depth_and_opens_again():
     blink = Blink(1.0, 0.08, 0.03, 0.2, 0.8)
-    shut = blinks.closure([blink], np.array([0.99, 1.08, 1.10, 1.32]))
+    shut = blinks.blink_closure([blink], np.array([0.99, 1.08, 1.10, 1.32]))
     assert np.allclose(shut, [0.0, 0.8, 0.8, 0.0], atol=1e-9)
 
 

@@ -36,7 +36,7 @@ from talkingeyes.evaluation.reference_ranges.clip_data import (
 from talkingeyes.evaluation.reference_ranges.clip_data import speaking_turns as turns
 from talkingeyes.evaluation.reference_ranges.ranges import RANGES_BY_SECTION, REFERENCE_RANGES
 from talkingeyes.physiology import saccades as main_sequence_model
-from talkingeyes.physiology.blinks import closure
+from talkingeyes.physiology.blinks import blink_closure
 
 
 def space(yaw_deg, fps=25.0):
@@ -76,9 +76,9 @@ def saccading(fps, seed):
     chain, at = [], np.zeros(2)
     for onset in 0.5 + 0.8 * np.arange(10) + rng.uniform(0, 0.04, 10):
         goal = np.radians([10.0, 0.0]) if not at.any() else np.zeros(2)
-        chain.append(main_sequence_model.saccade(onset, at, goal, rng))
+        chain.append(main_sequence_model.sample_saccade(onset, at, goal, rng))
         at = goal
-    kinematics = main_sequence_model.path(chain, (0.0, 0.0), np.arange(round(9 * fps)) / fps)
+    kinematics = main_sequence_model.gaze_path(chain, (0.0, 0.0), np.arange(round(9 * fps)) / fps)
     return space(np.degrees(kinematics[:, 0]), fps)
 
 
@@ -126,8 +126,8 @@ def test_head_contribution_and_vergence():
     pool = eyes.extract(behaviour(25.0, {"head": heads, "gaze": gaze}), np.radians(0.5))
     assert pool["shift.eccentricity_deg"] == pytest.approx([20], abs=0.2)
     assert pool["shift.head_deg"] == pytest.approx([10], abs=0.2)
-    assert eyes.vergence(pool).value == pytest.approx(2.5, abs=0.05)
-    assert eyes.in_range(pool).value == 100.0
+    assert eyes.vergence_deg(pool).value == pytest.approx(2.5, abs=0.05)
+    assert eyes.within_motor_range(pool).value == 100.0
 
 
 def test_truncated_dwells_are_censored():
@@ -168,14 +168,14 @@ def test_head_and_prosody():
 
 def blinking(fps, onsets):
     found = [Blink(at, 0.09, 0.03, 0.21, 1.0) for at in onsets]
-    lid = np.repeat(closure(found, np.arange(round(20 * fps)) / fps)[:, None], 2, axis=1)
+    lid = np.repeat(blink_closure(found, np.arange(round(20 * fps)) / fps)[:, None], 2, axis=1)
     still = np.zeros((len(lid), 3))
     return behaviour(fps, {"head": still, "gaze": np.repeat(still[:, None], 2, axis=1), "lid": lid})
 
 
 def test_blink_kinematics_are_measured():
     pool = join_pools(blinks.extract_kinematics(blinking(500.0, np.arange(0.5, 19, 0.6))) for _ in range(2))
-    found = blinks.kinematics(pool)
+    found = blinks.blink_kinematics(pool)
     assert found["length"].value == pytest.approx(320, abs=25)
     assert 60 < found["down"].value < 95 and 150 < found["up"].value < 220
     assert found["faster"].value > 1.0
@@ -187,7 +187,7 @@ def test_blinks_at_the_ends_of_phrases_and_over_people():
     near, near_s, amid, amid_s = pool["phrase.counts"].sum(axis=0)
     assert (near, amid) == (60, 20) and near_s == pytest.approx(40, abs=2) and amid_s == pytest.approx(320, abs=2)
     assert blinks.phrase_end_ratio(pool).value == pytest.approx((60 / near_s) / (20 / amid_s))
-    assert blinks.rate(pool)["mean"].reason == "too few speakers with a minute: got 0, needs 5"
+    assert blinks.mean_rate(pool)["mean"].reason == "too few speakers with a minute: got 0, needs 5"
     people_rates = np.exp(np.random.default_rng(0).normal(3.1, 0.3, 400))
     assert blinks.log_normal_p(people_rates.tolist()).value > 0.05
     assert blinks.log_normal_p(np.exp(people_rates**2 / 400).tolist()).value < 0.01
@@ -228,7 +228,7 @@ def test_probes_detect_predictable_targets():
     weights[:, :2] = 0  # without the eyes
     people_x = [np.c_[rng.standard_normal((400, 3)), np.ones(400)] for _ in range(6)]
     people_y = [x @ weights + rng.standard_normal((400, 6)) for x in people_x]
-    grams = [probes.gram(x, y) for x, y in zip(people_x, people_y, strict=True)]
+    grams = [probes.gram_matrices(x, y) for x, y in zip(people_x, people_y, strict=True)]
     others = [probes.fit_ridge(grams[:index] + grams[index + 1 :]) for index in range(6)]
     score_probe = [probes.score_probe(x, y, weights) for x, y, weights in zip(people_x, people_y, others, strict=True)]
     found = probes.measure_probes(score_probe)

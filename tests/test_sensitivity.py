@@ -17,7 +17,7 @@ from talkingeyes.evaluation.distribution.encoder import EncoderSettings
 from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS, SWAPPED, UNCORRUPTED, apply_corruption
 from talkingeyes.evaluation.sensitivity.matrix import (
     detected_corruptions,
-    l2,
+    mean_l2,
     sensitivity_matrix,
     split_takes,
     train_pool_encoder,
@@ -121,7 +121,7 @@ def test_sample_and_encoder_metrics_detect_their_corruptions(found_of_several, n
 
 def test_mean_pose_has_best_l2_and_nearest_sample(several, found_of_several) -> None:
     """L2 and the distance to the nearest sample rank a constant above the truth; the energy score does not."""
-    assert l2(several, BY_NAME["mean pose"]) < 0.9 * l2(several, UNCORRUPTED)
+    assert mean_l2(several, BY_NAME["mean pose"]) < 0.9 * mean_l2(several, UNCORRUPTED)
     assert found_of_several["samples/min_ade_head"]["mean pose"].rated_better
     assert not found_of_several["samples/energy_score_head"]["mean pose"].rated_better
 

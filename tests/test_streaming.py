@@ -269,7 +269,7 @@ class TestNetwork:
 class TestProsody:
     def test_it_is_the_prosody_of_the_embedding_but_for_the_level(self) -> None:
         settings, sound = embedding_settings(), speech()
-        live = StreamingProsody(settings, 25.0).whole(sound)
+        live = StreamingProsody(settings, 25.0).process_offline(sound)
         whole = make_encoder(settings)(sound, 25.0)[:, -3:]
         np.testing.assert_allclose(live[:, 1:], whole[:, 1:], atol=1e-3)
         loud = whole[:, 0] > settings.prosody.energy_floor_dbfs + 10
@@ -292,7 +292,7 @@ class TestProsody:
         settings, sound = embedding_settings(), speech(2.0)
         live = StreamingProsody(settings, 50.0, block_frames=3)
         parts = [live.push(each) for each in np.array_split(sound, 17)] + [live.finish()]
-        expected = StreamingProsody(settings, 50.0).whole(sound)
+        expected = StreamingProsody(settings, 50.0).process_offline(sound)
         assert len(expected) == 100
         np.testing.assert_allclose(np.concatenate(parts), expected, atol=1e-4)
         with pytest.raises(InputError, match=r"fps: should be 20, 25, 50 or 100 .* got 30"):

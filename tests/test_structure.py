@@ -42,6 +42,7 @@ NO_STAGE = {
     "real_videos",
     "reference_ranges",
     "reference_ranges_model",
+    "regenerated_takes",
     "result_store",
     "study",
     "sweep",

@@ -37,7 +37,7 @@ from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
-from talkingeyes.workflows.study import make, results
+from talkingeyes.workflows.study import make_study, study_results
 from tests.browser import CHROMIUM, open_browser
 
 FPS, FRAMES = 25.0, 15
@@ -145,7 +145,7 @@ def test_choices_on_the_page_are_recorded(tmp_path: Path) -> None:
     with TestClient(study_app(study), base_url=LOCAL) as page:
         for person, careless in enumerate((False, True, False)):
             visit(page, study, {("following", "static"): 1.0}, careless, person)
-    found = results(study.root)
+    found = study_results(study.root)
     assert (found.participant_count, found.finished, found.failed) == (3, 2, 1)
     answers = study.answers.valid_answers()
     assert {answer.participant for answer in answers} == {0, 2}
@@ -159,7 +159,7 @@ def test_known_preferences_are_recovered(tmp_path: Path) -> None:
     study = a_study(tmp_path / "study", design)
     known = dict(zip(design.comparisons, (0.9, 0.8, 0.8, 0.7, 0.5, 0.2), strict=True))
     crowd(study, 22, known, careless=2)
-    found = results(study.root)
+    found = study_results(study.root)
     assert (found.participant_count, found.finished, found.failed) == (22, 20, 2)
     rates = {(each.a, each.b): each for each in preference_rates(design, study.answers.valid_answers())}
     for comparison, rate in known.items():
@@ -181,7 +181,7 @@ def test_a_failed_check_ends_the_study_of_probtalk3d(tmp_path: Path) -> None:
     study = a_study(tmp_path / "study", load_design("probtalk3d_table2"))
     known = dict(zip(study.design.comparisons, (0.4, 0.75, 0.6), strict=True))
     crowd(study, 16, known, careless=1)
-    found = results(study.root)
+    found = study_results(study.root)
     assert (found.finished, found.failed) == (15, 1)
     assert study.answers.participants()[0].trial_index <= 13  # the attention check is in the first half
     assert {answer.participant for answer in study.answers.valid_answers()} == set(range(1, 16))
@@ -317,7 +317,7 @@ def test_films_are_rendered_from_a_chain(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.chdir(tmp_path)
     content = yaml.safe_load((DESIGNS_FOLDER / "eyelid_follow.yaml").read_text())
     Path("own.yaml").write_text(yaml.safe_dump({**content, "strata": [SMALL]}))
-    study = make("own.yaml", "study", data=data, size=32)
+    study = make_study("own.yaml", "study", data=data, size=32)
     assert len(list((tmp_path / "study" / "films").iterdir())) == 2 * 2 + 2
     pictures = {}
     for name, film in study.films.items():
@@ -332,7 +332,7 @@ def test_films_are_rendered_from_a_chain(tmp_path: Path, monkeypatch: pytest.Mon
     same, other = (np.abs(each.astype(int) - turned[0]).mean() for each in (upright[0][::-1], upright[0]))
     assert 3 * same < other  # not the same bytes, since films are re-encoded
     with pytest.raises(InputError, match="earlier output"):
-        make("own.yaml", "study", data=data, size=32)
+        make_study("own.yaml", "study", data=data, size=32)
 
 
 @pytest.mark.browser
@@ -342,7 +342,7 @@ def test_a_study_is_taken_in_a_browser(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(tmp_path)
     content = yaml.safe_load((DESIGNS_FOLDER / "eyelid_follow.yaml").read_text())
     Path("own.yaml").write_text(yaml.safe_dump({**content, "strata": [SMALL]}))
-    make("own.yaml", "study", data=data, size=64)
+    make_study("own.yaml", "study", data=data, size=64)
     command = [sys.executable, "-m", "talkingeyes.cli.main", "study", "run", "study", "--port", "0"]
     with (
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server,
@@ -368,7 +368,7 @@ def test_a_study_is_taken_in_a_browser(tmp_path: Path, monkeypatch: pytest.Monke
         browser.wait_for("document.body.dataset.state == 'end'")
         server.send_signal(2)
         assert server.wait(timeout=30) == 0
-    assert results("study").participant_count == 1
+    assert study_results("study").participant_count == 1
     assert Study.load(Path("study")).answers.participants()[0].done
 
 
@@ -383,7 +383,7 @@ def test_external_films_replace_motions(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.chdir(tmp_path)
     content = yaml.safe_load((DESIGNS_FOLDER / "probtalk3d_table2.yaml").read_text())
     Path("own.yaml").write_text(yaml.safe_dump({**content, "strata": [SMALL]}))
-    study = make("own.yaml", "study", data=data, conditions={"emote": "emote"}, without=["facediffuser"], size=32)
+    study = make_study("own.yaml", "study", data=data, conditions={"emote": "emote"}, without=["facediffuser"], size=32)
     assert {film.condition for film in study.films.values()} == {"ours", "truth", "emote", "late_sound"}
     own = next(name for name, film in study.films.items() if film.condition == "emote")
     with av.open(str(study.film(own))) as container:

@@ -1,4 +1,4 @@
-"""Synthetic data: takes within the ranges of FACTS, weakly coupled to speech, and configured detector noise."""
+"""Synthetic data: takes within the reference ranges, weakly coupled to speech, and configured detector noise."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -35,9 +35,11 @@ class Played:
 def spoken():
     """Annotations and durations of 20 sounds, one for each speaker."""
     made = []
-    for sound in plan.sounds(SETTINGS)[:20]:
+    for sound in plan.plan_sounds(SETTINGS)[:20]:
         voice = plan.speaker_of(SETTINGS, sound).voice
-        made.append(synthesize_conversation(DialogueVoices(voice), 8.0, 9.6, plan.generator(0, "sound", sound.index)))
+        made.append(
+            synthesize_conversation(DialogueVoices(voice), 8.0, 9.6, plan.seeded_generator(0, "sound", sound.index))
+        )
     return [(each.annotation, each.seconds) for each in made]
 
 
@@ -46,11 +48,11 @@ def played(spoken):
     """Takes of 20 speakers, two sounds each, two takes each."""
     drawn = []
     for number in range(20):
-        style = sample_style(plan.generator(0, "speaker", number))
+        style = sample_style(plan.seeded_generator(0, "speaker", number))
         for sound in (number, (number + 7) % 20):
             annotation, seconds = spoken[sound]
             for take in range(2):
-                rng = plan.generator(0, "motion", 100 * number + sound, take)
+                rng = plan.seeded_generator(0, "motion", 100 * number + sound, take)
                 made = sample_take(annotation, style, seconds, rng, PHYSIOLOGICAL)
                 drawn.append(Played(annotation, seconds, style, made, made.motion(FPS, round(seconds * FPS))))
     return drawn
@@ -161,7 +163,7 @@ def test_gaze_averts_with_speech_but_weakly(played):
 
 def test_speakers_keep_their_habits(played):
     looking = np.array([1 - averted(each).mean() for each in played]).reshape(20, 4).mean(axis=1)
-    habits = np.array([each.style.look for each in played]).reshape(20, 4)[:, 0]
+    habits = np.array([each.style.partner_gaze_speaking for each in played]).reshape(20, 4)[:, 0]
     assert np.corrcoef(looking, habits)[0, 1] > 0.6
 
 

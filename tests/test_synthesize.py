@@ -137,7 +137,7 @@ def test_no_text_voice_or_sound_is_in_two_splits(corpus):
 def test_sentences_of_both_speakers_belong_to_their_split():
     settings = SynthesizeSettings(**compose(["synthesize=tiny", "synthesize.dialogue_share=1"])["synthesize"])
     for split, partition in synthesize.SPLIT_PARTITIONS.items():
-        speaker_voices = plan.dialogue_voices(settings, plan.sounds(settings)[0])
+        speaker_voices = plan.dialogue_voices(settings, plan.plan_sounds(settings)[0])
         spoken = synthesize_conversation(
             speaker_voices, 8.0, 9.6, np.random.default_rng(SPLITS.index(split)), partition
         )
@@ -166,7 +166,7 @@ def test_a_partner_speaks_on_a_channel_of_its_own(tmp_path):
 
 def test_fractions_of_listening_and_emotions_are_as_configured():
     overrides = ["synthesize.clips=2000", "synthesize.dialogue_share=0.3", "synthesize.neutral_share=0.6"]
-    sounds = plan.sounds(SynthesizeSettings(**compose(["synthesize=tiny", *overrides])["synthesize"]))
+    sounds = plan.plan_sounds(SynthesizeSettings(**compose(["synthesize=tiny", *overrides])["synthesize"]))
     assert np.mean([sound.listening for sound in sounds]) == pytest.approx(0.3, abs=0.05)
     moods = Counter((sound.emotion, sound.intensity) for sound in sounds)
     assert moods.pop(("neutral", 0)) / 2000 == pytest.approx(0.6, abs=0.05)
@@ -241,7 +241,7 @@ def test_corpus_too_small_for_its_splits_is_an_error():
 
 def test_preset_paper_has_the_size_and_sources_of_the_paper():
     settings = SynthesizeSettings(**compose(["synthesize=paper"])["synthesize"])
-    sounds = plan.sounds(settings)
+    sounds = plan.plan_sounds(settings)
     assert Counter(sound.source for sound in sounds) == {"interview": 5912, "monologue": 70}
     assert len({sound.speaker for sound in sounds}) == 669
     rng = np.random.default_rng(0)

@@ -25,8 +25,8 @@ from talkingeyes.rendering.video import write_video
 from talkingeyes.rendering.view import FRAMINGS
 from talkingeyes.tracking import journal
 from talkingeyes.tracking.settings import TrackSettings
-from talkingeyes.tracking.sources import sources
-from talkingeyes.tracking.video import frames, probe_video
+from talkingeyes.tracking.sources import find_videos
+from talkingeyes.tracking.video import probe_video, read_frames
 from talkingeyes.workflows.track import track, track_video
 
 REAL = Path(__file__).resolve().parents[1] / "../shared/data/real/video"
@@ -149,7 +149,7 @@ def test_an_interrupted_run_ends_with_the_same_bytes(corpus: Path, videos: Path,
 
 
 def test_repeatedly_failing_video_is_skipped(videos: Path, tmp_path: Path):
-    source = sources([videos / "blank.mp4"], None)[0]
+    source = find_videos([videos / "blank.mp4"], None)[0]
     chosen = settings(**KEEP)
     video_journal = track_video(tmp_path, chosen, source)
     assert (video_journal.done, video_journal.entries) == (True, ())
@@ -182,7 +182,7 @@ def test_the_command_plans_tracks_without_pictures_and_films_the_fit(drawn: list
     assert not (tmp_path / "out" / "thumbnails").exists()
     film = next((tmp_path / "out" / "overlay").iterdir())
     assert (probe_video(film).width, probe_video(film).height) == (896, 448)
-    assert len(list(frames(film, 60.0))) == 20
+    assert len(list(read_frames(film, 60.0))) == 20
 
 
 def test_rotation_flags_are_obeyed(drawn: list[np.ndarray], tmp_path: Path):
@@ -191,7 +191,7 @@ def test_rotation_flags_are_obeyed(drawn: list[np.ndarray], tmp_path: Path):
     matrix = content.index(b"tkhd") + 4 + 40  # version 0: rotated a quarter clockwise for display, as phones write it
     content[matrix : matrix + 36] = np.array([0, 65536, 0, -65536, 0, 0, 0, 0, 1 << 30], ">i4").tobytes()
     (tmp_path / "b.mp4").write_bytes(content)
-    straight, turned = (next(frames(tmp_path / f"{name}.mp4", 60.0)).image for name in "ab")
+    straight, turned = (next(read_frames(tmp_path / f"{name}.mp4", 60.0)).image for name in "ab")
     assert np.abs(np.rot90(straight, -1).astype(int) - turned).mean() < 2
 
 
@@ -205,8 +205,8 @@ def clips() -> tuple[list[np.ndarray], list[np.ndarray]]:
     """The beginnings of two real clips, 224 pixels wide."""
     import cv2
 
-    first = [cv2.resize(frame.image, (224, 224), interpolation=cv2.INTER_AREA) for frame in frames(HDTF, 60.0)]
-    return first[:60], [frame.image for frame in frames(VOX, 60.0)][:60]
+    first = [cv2.resize(frame.image, (224, 224), interpolation=cv2.INTER_AREA) for frame in read_frames(HDTF, 60.0)]
+    return first[:60], [frame.image for frame in read_frames(VOX, 60.0)][:60]
 
 
 @real
@@ -263,7 +263,9 @@ def test_truncated_stream_gives_complete_frames(drawn: list[np.ndarray], tmp_pat
                 copy.mux(packet)
     content = (tmp_path / "a.mkv").read_bytes()
     (tmp_path / "b.mkv").write_bytes(content[: len(content) * 3 // 4])
-    assert 0 < len(list(frames(tmp_path / "b.mkv", 60.0))) < len(list(frames(tmp_path / "a.mkv", 60.0))) == 100
+    assert (
+        0 < len(list(read_frames(tmp_path / "b.mkv", 60.0))) < len(list(read_frames(tmp_path / "a.mkv", 60.0))) == 100
+    )
 
 
 def test_ledger_is_stored_with_its_clip(corpus: Path):

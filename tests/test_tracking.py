@@ -10,19 +10,19 @@ import yaml
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.head.landmark_definitions import LANDMARK_NAMES
-from talkingeyes.head.landmarks import head_to_scene, landmarks, pupils
+from talkingeyes.head.landmarks import head_to_scene, landmarks, pupil_centres
 from talkingeyes.tracking import journal
 from talkingeyes.tracking.clip_filter import ShotQuality, fingerprint, hamming_distance, measure_shot, rejection_reason
 from talkingeyes.tracking.cropping import crop_camera, crop_shot, face_crop, frame_count, pixels_per_mm, resample_at
 from talkingeyes.tracking.face_mesh import MESH_INDICES, DetectedFace
 from talkingeyes.tracking.journal import ShotRecord
 from talkingeyes.tracking.lip_sync import lip_gap, lip_sync_score
-from talkingeyes.tracking.report import VideoResult, summary, write_tables
+from talkingeyes.tracking.report import VideoResult, write_tables, yield_summary
 from talkingeyes.tracking.settings import TrackSettings
-from talkingeyes.tracking.shots import Shot, TrackedFrame, shots
-from talkingeyes.tracking.sources import sources
-from talkingeyes.tracking.video import Frame, upright
-from talkingeyes.tracking.visibility import disparity, self_occluded
+from talkingeyes.tracking.shots import Shot, TrackedFrame, detect_shots
+from talkingeyes.tracking.sources import find_videos
+from talkingeyes.tracking.video import Frame, rotate_upright
+from talkingeyes.tracking.visibility import relative_difference, self_occluded
 
 GOOD = ShotQuality(8.0, 0.0, 150.0, 0.3, 0.0, 5.0, 0.0, -15.0, 0.8, 0.4)
 SETTINGS = TrackSettings.model_validate(
@@ -37,7 +37,7 @@ def face(frames: int = 200, yaw_rad: float = 0.0, scale: float = 3.0) -> tuple[n
     gaze, lid, jaw = np.zeros((frames, 2, 3)), np.zeros((frames, 2)), np.zeros((frames, 3))
     jaw[:, 0] = 0.1 * np.abs(np.sin(7 * times_s)) ** 2
     camera = crop_camera(SETTINGS.crop)
-    places = [landmarks(gaze, lid, jaw), pupils(gaze)]
+    places = [landmarks(gaze, lid, jaw), pupil_centres(gaze)]
     return tuple(camera.project(head_to_scene(place, head, np.zeros((frames, 3)))) * scale + 40 for place in places)
 
 
@@ -80,7 +80,7 @@ def film(count: int, cut: int | None = None) -> list[Frame]:
 
 def lengths(eye: Script, frames: list[Frame], longest_s: float = 20.0) -> list[tuple[int, str]]:
     settings = SETTINGS.shot.model_copy(update={"max_duration_s": longest_s})
-    return [(len(found.tracked_frames), found.end_reason) for found in shots(frames, eye, settings)]
+    return [(len(found.tracked_frames), found.end_reason) for found in detect_shots(frames, eye, settings)]
 
 
 def test_every_landmark_of_the_head_has_its_own_point_of_the_mesh():
@@ -104,10 +104,10 @@ def test_shots_end_at_cuts_lost_faces_jumps_and_their_longest_length():
 def test_shot_is_the_same_after_resuming():
     settings = SETTINGS.shot.model_copy(update={"max_duration_s": 2.0})
     frames = film(140, cut=70)
-    whole = list(shots(frames, Script({90, 91, 92, 93, 94, 95, 96}), settings))
+    whole = list(detect_shots(frames, Script({90, 91, 92, 93, 94, 95, 96}), settings))
     for before, after in pairwise(whole):
         rest = [frame for frame in frames if frame.time_s >= before.resume_s]
-        again = next(shots(rest, Script({90, 91, 92, 93, 94, 95, 96}), settings))
+        again = next(detect_shots(rest, Script({90, 91, 92, 93, 94, 95, 96}), settings))
         assert (again.start_s, again.stop_s, again.end_reason) == (after.start_s, after.stop_s, after.end_reason)
 
 
@@ -146,7 +146,7 @@ def test_turned_face_hides_the_far_eye_and_frontal_face_nothing():
 
 
 def test_disparity_increases_with_yaw_and_identifies_the_far_eye():
-    middle = [np.median(disparity(face(yaw_rad=yaw_rad)[0])) for yaw_rad in (0.0, 0.2, 0.4, 0.6)]
+    middle = [np.median(relative_difference(face(yaw_rad=yaw_rad)[0])) for yaw_rad in (0.0, 0.2, 0.4, 0.6)]
     assert middle == sorted(middle)
     away = self_occluded(face(yaw_rad=-0.75)[0], SETTINGS.eyes)
     assert away[:, 1].mean() > 0.5
@@ -213,10 +213,10 @@ def test_fingerprint_is_robust_and_distinguishes_footage():
 
 def test_rotation_of_pictures_follows_the_file():
     image = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
-    assert upright(image, 0).shape == (2, 4, 3)
-    assert upright(image, 90).shape == (4, 2, 3)
-    assert np.array_equal(upright(image, -90), np.rot90(image, -1))
-    assert np.array_equal(upright(image, 180), image[::-1, ::-1])
+    assert rotate_upright(image, 0).shape == (2, 4, 3)
+    assert rotate_upright(image, 90).shape == (4, 2, 3)
+    assert np.array_equal(rotate_upright(image, -90), np.rot90(image, -1))
+    assert np.array_equal(rotate_upright(image, 180), image[::-1, ::-1])
 
 
 def entry(name: str, reason: str = "") -> ShotRecord:
@@ -251,32 +251,32 @@ def test_names_and_speakers_come_from_the_path_or_a_map(tmp_path: Path):
     for name in ("id1/talk one.mp4", "id1/b.webm", "solo.mkv", "notes.txt"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
-    found = sources([tmp_path], None)
+    found = find_videos([tmp_path], None)
     assert [source.name for source in found] == ["id1/b.webm", "id1/talk one.mp4", "solo.mkv"]
     assert [source.speaker for source in found] == ["id1", "id1", "solo"]
     assert len({source.id for source in found}) == 3
     assert not any(set(source.id) & set(" /.") for source in found)
     speakers = tmp_path / "map.csv"
     speakers.write_text("video,speaker\nid1/b.webm,ann\nid1/talk one.mp4,ben\nsolo.mkv,ann\n")
-    assert [source.speaker for source in sources([tmp_path], speakers)] == ["ann", "ben", "ann"]
+    assert [source.speaker for source in find_videos([tmp_path], speakers)] == ["ann", "ben", "ann"]
     speakers.write_text("video,speaker\nsolo.mkv,ann\n")
     for arguments in (([tmp_path], speakers), ([tmp_path / "nothing"], None), ([tmp_path / "notes.txt"], speakers)):
         with pytest.raises(InputError, match=r"^[^\n]+$"):
-            sources(*arguments)
+            find_videos(*arguments)
     with pytest.raises(InputError, match="got another video solo"):
         (tmp_path / "id1" / "solo.mkv").touch()
-        sources([tmp_path / "solo.mkv", tmp_path / "id1" / "solo.mkv"], None)
+        find_videos([tmp_path / "solo.mkv", tmp_path / "id1" / "solo.mkv"], None)
 
 
 def test_the_yield_counts_everything_once(tmp_path: Path):
     (tmp_path / "v.mp4").touch()
-    source = sources([tmp_path / "v.mp4"], None)[0]
+    source = find_videos([tmp_path / "v.mp4"], None)[0]
     outcomes = [
         VideoResult(source, (entry("a"), entry("b", "too short: 1 s"), entry("c", "a copy of a")), 24.0, ""),
         VideoResult(source, (), 4.0, ""),
         VideoResult(source, (), 0.0, "damaged"),
     ]
-    total = summary(outcomes)
+    total = yield_summary(outcomes)
     assert (total["videos"], total["videos_failed"], total["shots"], total["clips"]) == (3, 1, 3, 1)
     assert set(total["rejected"]) == {"too short", "a copy of another", "no face was found"}
     write_tables(tmp_path, outcomes)

@@ -20,7 +20,7 @@ from talkingeyes.training.gaze_tokenizer import GazeTokenizerSettings, GazeToken
 from talkingeyes.training.loop import LoopSettings, train
 from talkingeyes.training.motion_generators import load_generator, network_config, save_baseline
 from talkingeyes.training.motion_task import MotionTask, MotionTaskSettings
-from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, statistics
+from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, motion_statistics
 
 LOOP = {
     "steps": 60,
@@ -87,7 +87,7 @@ def test_windows_are_cut_anywhere_and_short_clips_are_refused() -> None:
 def test_statistics_use_one_scale_and_ignore_constant_numbers() -> None:
     frames = np.random.default_rng(0).normal(2, 0.5, (10_000, 3))
     frames[:, 2] = 0
-    found = statistics(frames)
+    found = motion_statistics(frames)
     assert found.scale == pytest.approx(0.5, rel=0.05)
     np.testing.assert_allclose(found.mean, [2, 2, 0], atol=0.05)
 

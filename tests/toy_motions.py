@@ -30,9 +30,9 @@ def motion(fps: float = 25.0, seconds: float = 3.0) -> Motion:
     times = np.arange(round(seconds * fps)) / fps
     waves = np.sin(2 * np.pi * times[:, None] * [0.31, 0.47, 0.23] + [0.2, 1.0, 2.0])
     head = waves * np.radians([3.0, 6.0, 2.0])
-    space = np.repeat(saccades.path(events().saccades, (0.0, 0.0), times)[:, None], 2, axis=1)
+    space = np.repeat(saccades.gaze_path(events().saccades, (0.0, 0.0), times)[:, None], 2, axis=1)
     space[..., 0] += np.radians([-2.0, 2.0])
-    shut = blinks.closure(BLINKS, times)[:, None]
+    shut = blinks.blink_closure(BLINKS, times)[:, None]
     lid = np.repeat(-0.05 + 1.05 * shut, 2, axis=1)
     expression = 0.2 + 0.2 * np.sin(times[:, None] * np.linspace(1, 5, len(arkit.EXPRESSION)))
     expression[:, ["eyeWide" in name for name in arkit.EXPRESSION]] = 0.0

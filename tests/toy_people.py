@@ -32,15 +32,15 @@ class ToyPerson:
         while onset < self.seconds - 0.5:
             away = rng.random() < 0.4
             target = np.radians([self.side * rng.uniform(8, 16), rng.uniform(-4, 4)] if away else rng.normal(0, 1, 2))
-            chain.append(saccades.saccade(onset, gaze, target, rng))
+            chain.append(saccades.sample_saccade(onset, gaze, target, rng))
             gaze, onset = np.array(chain[-1].end_rad), onset + rng.uniform(0.4, 1.4)
-        space = saccades.path(chain, (0.0, 0.0), times)
+        space = saccades.gaze_path(chain, (0.0, 0.0), times)
         phase = rng.uniform(0, 6, (3, 3))
         sway = sum(np.radians(3 / n) * np.sin(2 * np.pi * 0.35 * n * times[:, None] + phase[n - 1]) for n in (1, 2, 3))
         head = sway + np.radians([0.0, 0.0, 4 * self.side])
         gaze_in_head = eye_in_head(head, np.repeat(space[:, None], 2, axis=1))
         closed = [Blink(at, 0.09, 0.03, 0.2, 1.0) for at in np.arange(rng.uniform(0.5, 2), self.seconds - 1, 2.5)]
-        lid = np.repeat(blinks.closure(closed, times)[:, None], 2, axis=1)
+        lid = np.repeat(blinks.blink_closure(closed, times)[:, None], 2, axis=1)
         return behaviour(fps, {"head": head, "gaze": gaze_in_head, "lid": lid}, None, ANNOTATION, reference)
 
 

@@ -17,13 +17,13 @@ from talkingeyes.audio.annotation import Phoneme
 from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny import anny_head
 from talkingeyes.orchestration.run import configure_environment
-from talkingeyes.physiology.articulation import APEX, ArticulationStyle, MouthMotion, mouth
+from talkingeyes.physiology.articulation import APEX, ArticulationStyle, MouthMotion, mouth_motion
 from talkingeyes.physiology.face import (
     EMOTION_EXPRESSIONS,
     FACE_SHAPES,
     INTENSITY_STRENGTH,
     FacialBehaviour,
-    expression,
+    expression_weights,
 )
 from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.view import FRAMINGS
@@ -42,7 +42,7 @@ def shown(face: FacialBehaviour, spoken: MouthMotion, times_s: np.ndarray) -> Mo
         np.zeros((count, 2, 3)),
         jaw=spoken.jaw,
         lid=np.full((count, 2), face.share * face.emotion_expression.lid),
-        expression=expression(face, spoken, times_s, np.ones(count)),
+        expression=expression_weights(face, spoken, times_s, np.ones(count)),
         expression_names=FACE_SHAPES,
     )
 
@@ -66,7 +66,7 @@ def main() -> None:
     phonemes = [Phoneme(i * SOUND_S, (i + 1) * SOUND_S, symbol) for i, symbol in enumerate(SOUNDS)]
     apexes_s = (np.arange(len(SOUNDS)) + APEX) * SOUND_S
     sheet(
-        [shown(FacialBehaviour(), mouth(phonemes, apexes_s, ArticulationStyle()), apexes_s)],
+        [shown(FacialBehaviour(), mouth_motion(phonemes, apexes_s, ArticulationStyle()), apexes_s)],
         SOUNDS,
         8,
         folder / "face-sounds.png",
@@ -75,7 +75,7 @@ def main() -> None:
     felt = [(name, share) for share in INTENSITY_STRENGTH[1:] for name in FELT]
     habits = [ArticulationStyle(jaw_rest_rad=share * EMOTION_EXPRESSIONS[name].jaw_rest_rad) for name, share in felt]
     motions = [
-        shown(FacialBehaviour(name, share), mouth((), silent_s, habit), silent_s)
+        shown(FacialBehaviour(name, share), mouth_motion((), silent_s, habit), silent_s)
         for (name, share), habit in zip(felt, habits, strict=True)
     ]
     labels = [f"{name} {INTENSITY_STRENGTH.index(share)}" for name, share in felt]

@@ -14,7 +14,7 @@ from matplotlib import pyplot as plt
 from talkingeyes.corpus.poses import head_rotations
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.head.anny import anny_head
-from talkingeyes.head.normals import incidence, normals_from_incidence
+from talkingeyes.head.normals import incidence_matrix, normals_from_incidence
 from talkingeyes.head.sag import FaceSurface
 from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.view import FRAMINGS
@@ -60,7 +60,7 @@ def draw(surface: FaceSurface, shapes: list[np.ndarray], out: Path) -> None:
     """The faces, and under them how far each vertex is from the face at pitch 0."""
     model = surface.model
     renderer = HeadRenderer(model, FRAMINGS["face"].centred_on(model.eye_centres).view(SIZE, SIZE))
-    around = incidence(model.faces, len(model.template))
+    around = incidence_matrix(model.faces, len(model.template))
     figure, axes = plt.subplots(2, 3, figsize=(9, 6.4), layout="constrained")
     for column, (pitch_deg, shape) in enumerate(zip(PITCHES_DEG, shapes, strict=True)):
         vertices = model.template.astype(np.float32).copy()

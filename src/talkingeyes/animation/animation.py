@@ -37,7 +37,7 @@ def render_trajectory(trajectory: GazeTrajectory, sampled_blinks: Sequence[Blink
     else:
         resampled = resample(trajectory.head, trajectory.gaze_in_space_rad, trajectory.saccades, trajectory.fps, fps)
         head, eye = resampled.head, resampled.gaze
-    closure = blinks.closure(sampled_blinks, np.arange(len(head)) / fps)
+    closure = blinks.blink_closure(sampled_blinks, np.arange(len(head)) / fps)
     eye = eye_head.clamp_to_eye_range(eye)  # gaze that is held over a blink stays in space while the head turns
     motion = Motion.of(fps, head, eye, lid=np.repeat(closure[:, None], 2, axis=1))
     return Animation(motion, Events(saccades=trajectory.saccades, blinks=tuple(sampled_blinks)))

@@ -90,7 +90,7 @@ def spontaneous_blinks(
 
 def shut_frames(sampled_blinks: Sequence[Blink], times_s: Float[ndarray, " T"]) -> Bool[ndarray, " T"]:
     """Whether the lids are shut at each time, where the eyes do not move (the paper's post-processing, Sect. IV-E)."""
-    return np.asarray(blinks.closure(sampled_blinks, times_s) >= SHUT_CLOSURE)
+    return np.asarray(blinks.blink_closure(sampled_blinks, times_s) >= SHUT_CLOSURE)
 
 
 def _evoked_probabilities(

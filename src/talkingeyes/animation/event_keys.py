@@ -133,7 +133,7 @@ def _without(saccade: Saccade, gaze_rad: Float[ndarray, "T 2"], times: Float[nda
 
 
 def _step(saccade: Saccade, step: Float[ndarray, " 2"], times: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
-    done = saccades.progress((times - saccade.onset_s) / saccade.duration_s, saccade.skew)
+    done = saccades.completed_fraction((times - saccade.onset_s) / saccade.duration_s, saccade.skew)
     return np.asarray(done[:, None] * step)
 
 
@@ -157,7 +157,7 @@ def edit_lids(lid: Float[ndarray, "T 2"], keys: EventKeys, times: Float[ndarray,
         for eye in range(2):
             found[first:stop, eye] = np.interp(np.arange(first, stop), ends, lid[ends, eye])
     if new:
-        shut = blinks.closure(new, times)[:, None]
+        shut = blinks.blink_closure(new, times)[:, None]
         found = np.where(shut > 0, found + (1.0 - found) * shut, found)
     return found
 

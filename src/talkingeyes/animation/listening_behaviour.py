@@ -41,7 +41,7 @@ def sample_listening_behaviour(turns: Annotation, seeds: Sequence[int]) -> Liste
     rng = np.random.default_rng(seeds)
     style = sample_style(rng)
     gaze_fraction = float(np.clip(rng.beta(*LOOK_LISTENING), *GAZE_FRACTION_LIMITS))
-    nods = tuple(head_gestures.backchannels(turns, style, rng))
+    nods = tuple(head_gestures.listener_nods(turns, style, rng))
     return ListeningBehaviour(gaze_fraction, nods, tuple(_sample_aversions(long_turn_starts(turns), rng)))
 
 

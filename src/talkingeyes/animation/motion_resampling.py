@@ -34,7 +34,7 @@ def resample_motion(motion: Motion, events: Events, fps: float) -> Motion:
     space = rotation.gaze_in_space(motion.head, motion.gaze)
     resampled = resample(motion.head, space, events.saccades, motion.fps, fps)
     opened = edit_lids(motion.lid, EventKeys(Events(), Events(blinks=events.blinks)), times)
-    shut = blinks.closure(events.blinks, new_times)[:, None]
+    shut = blinks.blink_closure(events.blinks, new_times)[:, None]
     lid = _between(opened, times, new_times)
     nearest = np.minimum(np.rint(new_times * motion.fps).astype(int), len(motion) - 1)
     return replace(

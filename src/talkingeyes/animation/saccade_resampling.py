@@ -56,7 +56,7 @@ def saccade_staircase(found: Sequence[Saccade], times_s: Float[ndarray, " T"]) -
     for each in found:
         near = slice(*np.searchsorted(times_s, [each.onset_s, each.onset_s + each.duration_s]))
         step = np.subtract(each.end_rad, each.start_rad)
-        done = saccades.progress((times_s[near] - each.onset_s) / each.duration_s, each.skew)
+        done = saccades.completed_fraction((times_s[near] - each.onset_s) / each.duration_s, each.skew)
         moving[near] += step * done[:, None]
         landed[near.stop] += step
     return np.asarray(moving + np.cumsum(landed[:-1], axis=0))

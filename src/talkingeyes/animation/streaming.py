@@ -121,11 +121,11 @@ class LiveModel:
         self, sound: Float[ndarray, " N"], seed: int, controls: LiveControls = DEFAULT_LIVE_CONTROLS
     ) -> Motion:
         """The frames of a stream, computed from the whole sound at once."""
-        features = StreamingProsody(self.embedding, self.fps).whole(sound)
+        features = StreamingProsody(self.embedding, self.fps).process_offline(sound)
         (own_seed,) = sample_seeds(seed, 1)
         trajectory = self.apply_steps(self.network.generate(self.embed(features), [own_seed]), controls)
         sampled_blinks = self.sample_hour_of_blinks(seed, controls)
-        closure = blinks.closure(sampled_blinks, trajectory.times_s)
+        closure = blinks.blink_closure(sampled_blinks, trajectory.times_s)
         space = hold_frames(trajectory.gaze_in_space_rad, closure >= SHUT_CLOSURE)
         eye = eye_head.clamp_to_eye_range(rotation.eye_in_head(trajectory.head, space))
         return Motion.of(self.fps, trajectory.head, eye, lid=np.repeat(closure[:, None], 2, axis=1))
@@ -225,4 +225,4 @@ class LiveStream:
             return np.zeros(0)
         while self._blinks and blinks.end_s(self._blinks[0]) < times_s[0]:
             self._blinks.popleft()
-        return blinks.closure([*takewhile(lambda blink: blink.onset_s <= times_s[-1], self._blinks)], times_s)
+        return blinks.blink_closure([*takewhile(lambda blink: blink.onset_s <= times_s[-1], self._blinks)], times_s)

@@ -104,7 +104,7 @@ class StreamingProsody:
         """Features of the remaining frames; ends the stream."""
         return self._emit(frame_count(self._samples_received(), self._fps), self._sound)
 
-    def whole(self, sound: Float[ndarray, " N"]) -> Float[ndarray, "T 3"]:
+    def process_offline(self, sound: Float[ndarray, " N"]) -> Float[ndarray, "T 3"]:
         """Features of a complete sound, equal to those of a stream."""
         level = RunningLevel()
         level.push(sound)

@@ -131,8 +131,8 @@ def animate(
     from talkingeyes.workflows.direct import default_intensity
     from talkingeyes.workflows.speak import speak
 
-    felt = default_intensity(emotion, intensity)
-    spoken = speak(text, voice=voice, language=language, emotion=emotion, intensity=felt)
+    emotion_intensity = default_intensity(emotion, intensity)
+    spoken = speak(text, voice=voice, language=language, emotion=emotion, intensity=emotion_intensity)
     _animate_one(spoken, out, options, model, force)
 
 
@@ -154,8 +154,8 @@ def _animate_dialogue(
         raise InputError(
             f"dialogue: should be two sounds, or one with two channels, without --partner, got {len(sounds)}"
         )
-    heard = read_dialogue(sounds[0]) if len(sounds) == 1 else tuple(read_speech(path) for path in sounds)
-    dialogues = run_dialogue(heard, out, options, model, force)
+    voices = read_dialogue(sounds[0]) if len(sounds) == 1 else tuple(read_speech(path) for path in sounds)
+    dialogues = run_dialogue(voices, out, options, model, force)
     first = dialogues[0].first.motion
     typer.echo(f"{out}: {len(dialogues)} for two speakers, {first.seconds:.2f} s at {options.fps:g} fps")
 

@@ -26,7 +26,7 @@ def evaluate(
     force: Annotated[bool, typer.Option("--force", help="Overwrite the output of an earlier run.")] = False,
 ) -> None:
     """Compare motions with a corpus: saccades, gaze, eyes and head, blinks, movement, with confidence intervals."""
-    from talkingeyes.workflows.evaluate import describe
+    from talkingeyes.workflows.evaluate import benchmark_text
     from talkingeyes.workflows.evaluate import evaluate as measure
 
     found = measure(
@@ -41,4 +41,4 @@ def evaluate(
         jobs=jobs,
         force=force,
     )
-    typer.echo(describe(found))
+    typer.echo(benchmark_text(found))

@@ -95,7 +95,7 @@ def make_study(
 ) -> None:
     """Choose clips and render the films of a study."""
     from talkingeyes.core.errors import InputError
-    from talkingeyes.workflows.study import make
+    from talkingeyes.workflows.study import make_study
 
     folders = {}
     for each in condition or []:
@@ -103,7 +103,7 @@ def make_study(
         if not equals:
             raise InputError(f"condition: should be NAME=DIR, got {each!r}")
         folders[name] = folder
-    made = make(
+    made = make_study(
         design,
         out,
         data=data,
@@ -126,9 +126,9 @@ def run_study(
     port: Port = 8020,
 ) -> None:
     """Serve a study to participants and store their answers, until interrupted."""
-    from talkingeyes.workflows.study import run
+    from talkingeyes.workflows.study import run_study
 
-    run(
+    run_study(
         folder,
         host=host,
         port=port,
@@ -141,9 +141,9 @@ def results_of_study(
     folder: Annotated[Path, typer.Argument(metavar="STUDY", help="A folder that `study make` wrote.")],
 ) -> None:
     """Print the table of the paper; p-values and intervals are also written to results.json."""
-    from talkingeyes.workflows.study import results
+    from talkingeyes.workflows.study import study_results
 
-    found = results(folder)
+    found = study_results(folder)
     typer.echo(found.table, nl=False)
     typer.echo(
         f"{found.participant_count} started, {found.finished} finished and are counted,"

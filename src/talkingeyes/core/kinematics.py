@@ -2,7 +2,7 @@
 
 Speeds are great-circle angles between successive frames times the frame rate, in degrees per second, so they do not
 depend on the axes. A frame is still below 2.5 degrees per second: true gaze in space is still in about nine of ten
-frames, true eye-in-head in a quarter, because the eyes counter-rotate the head (LEARNING.md, second trial).
+frames, true eye-in-head in a quarter, because the eyes counter-rotate the head.
 """
 
 from __future__ import annotations

@@ -79,7 +79,7 @@ class FaceRecordings(Sequence[FaceRecording]):
         return motion.expression.astype(np.float32), motion.jaw.astype(np.float32)
 
 
-def faces(corpus: Corpus, fit: Path, embed: Path, *splits: str) -> FaceRecordings:
+def face_recordings(corpus: Corpus, fit: Path, embed: Path, *splits: str) -> FaceRecordings:
     """The fitted clips of the given splits."""
     return FaceRecordings(corpus.select(*splits), fit, embed)
 

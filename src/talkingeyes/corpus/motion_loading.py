@@ -18,8 +18,8 @@ def load_motions(path: Path) -> list[Motion]:
     if "schema" in keys or not {"head", "jaw"} & keys:
         return [Motion.load(path)]
     if "head" in keys:
-        drawn = Samples.load(path)
-        return [Motion.of(drawn.fps, head, gaze) for head, gaze in zip(drawn.head, drawn.gaze, strict=True)]
+        samples = Samples.load(path)
+        return [Motion.of(samples.fps, head, gaze) for head, gaze in zip(samples.head, samples.gaze, strict=True)]
     faces = FaceSamples.load(path)
     frames = faces.jaw.shape[1]
     still = Motion.of(faces.fps, np.zeros((frames, 3)), np.zeros((frames, 2, 3)))

@@ -31,7 +31,9 @@ class SoundGroup:
         return self.takes[0]
 
 
-def sounds(corpus: Corpus, fit: Path, embed: Path, splits: Collection[str], others: int, seed: int) -> list[SoundGroup]:
+def group_sounds(
+    corpus: Corpus, fit: Path, embed: Path, splits: Collection[str], others: int, seed: int
+) -> list[SoundGroup]:
     """The sounds whose take 0 was fitted, in corpus order; `others` are sampled by seed and clip."""
     takes, of_speaker = defaultdict(list), defaultdict(list)
     for clip in Recordings(corpus.clips, fit, embed).clips:

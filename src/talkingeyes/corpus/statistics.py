@@ -34,7 +34,7 @@ def corpus_statistics(clips: Sequence[Clip]) -> CorpusStatistics:
     )
 
 
-def table(name: str, row: CorpusStatistics, acquisition: str) -> str:
+def statistics_table(name: str, row: CorpusStatistics, acquisition: str) -> str:
     """The row in Markdown, below that of the paper's corpus. All corpora here contain face, head and eyes."""
     own = f"| {name} | ✓ | ✓ | ✓ | {row.sequences} | {row.subjects} | {row.hours:.3g} | {acquisition} |"
     return "\n".join([HEADER, "|" + "---|" * 9, PAPER_ROW, f"{own} {', '.join(row.sources)} |", ""])

@@ -19,7 +19,7 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import gaze_in_space
 from talkingeyes.fitting.gaps import runs
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.landmarks import EYE_CENTRES, head_to_scene, pupils
+from talkingeyes.head.landmarks import EYE_CENTRES, head_to_scene, pupil_centres
 
 SACCADE_RAD_S = np.radians(25.0)
 
@@ -41,7 +41,7 @@ class ErrorSums:
         return ErrorSums(*(getattr(self, field.name) + getattr(other, field.name) for field in fields(ErrorSums)))
 
 
-def pooled(tallies: Iterable[ErrorSums]) -> ErrorSums:
+def pool_errors(tallies: Iterable[ErrorSums]) -> ErrorSums:
     """Add up the sums of clips."""
     return sum(tallies, ErrorSums())
 
@@ -58,7 +58,7 @@ class FitReference:
 
     def error_sums(self, motion: Motion) -> ErrorSums:
         """Error sums of one method: distances under its own head pose, speeds under the common one."""
-        placed = _pixels(motion, pupils(motion.gaze), self.camera)
+        placed = _pixels(motion, pupil_centres(motion.gaze), self.camera)
         noisy = np.linalg.norm(placed - self.pupils, axis=-1)[self.frame_mask]
         noisy = noisy[np.isfinite(noisy)]
         speed = self._speeds(motion)
@@ -72,7 +72,7 @@ class FitReference:
         return error_sums if self.truth is None else error_sums + self._against_truth(self.truth, placed, speed)
 
     def _against_truth(self, truth: Motion, placed: Float[ndarray, "T 2 2"], speed: Float[ndarray, "S 2"]) -> ErrorSums:
-        exact = _pixels(truth, pupils(truth.gaze), self.camera)
+        exact = _pixels(truth, pupil_centres(truth.gaze), self.camera)
         distance = np.linalg.norm(placed - exact, axis=-1)[self.frame_mask]
         peaks = [speed[start:stop].max(axis=0) for start, stop in self._saccades(truth)]
         return ErrorSums(
@@ -85,7 +85,9 @@ class FitReference:
     def _speeds(self, motion: Motion) -> Float[ndarray, "S 2"]:
         """Speed of each pupil relative to the centre of its eye under the common pose, pixels per second."""
         centres = np.broadcast_to(EYE_CENTRES, (len(motion), 2, 3))
-        relative = _pixels(self.pose, pupils(motion.gaze), self.camera) - _pixels(self.pose, centres, self.camera)
+        relative = _pixels(self.pose, pupil_centres(motion.gaze), self.camera) - _pixels(
+            self.pose, centres, self.camera
+        )
         return np.asarray(np.linalg.norm(np.diff(relative, axis=0), axis=-1) * motion.fps)
 
     def _saccades(self, truth: Motion) -> list[tuple[int, int]]:

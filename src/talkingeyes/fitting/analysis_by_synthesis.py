@@ -140,7 +140,9 @@ def _closure(patches: list[Patch], eye: EyeGeometry, angles_rad: Float[ndarray, 
     """Step one: the closure that minimises (2) at a given gaze."""
 
     def energy(lid: float) -> float:
-        return float(sum(blink_energy(patch.bias, opening(patch, eye, angles_rad, lid)) for patch in patches))
+        return float(
+            sum(blink_energy(patch.bias, lid_opening_coverage(patch, eye, angles_rad, lid)) for patch in patches)
+        )
 
     step = CLOSURE_GRID[1] - CLOSURE_GRID[0]
     start = CLOSURE_GRID[int(np.argmin([energy(lid) for lid in CLOSURE_GRID]))] if near is None else near
@@ -152,12 +154,14 @@ def _gaze(
     patches: list[Patch], eye: EyeGeometry, lid: float, angles_rad: Float[ndarray, " 2"], starts: Float[ndarray, "K 2"]
 ) -> Float[ndarray, " 2"]:
     """Step two: the gaze that minimises (3) with the eye opening held fixed."""
-    openings = [opening(patch, eye, angles_rad, lid) for patch in patches]
+    openings = [lid_opening_coverage(patch, eye, angles_rad, lid) for patch in patches]
     seen = [(patch, inside) for patch, inside in zip(patches, openings, strict=True) if inside.sum() > 1.0]
 
     def energy(angles: Float[ndarray, " 2"]) -> float:
         beyond = np.abs(angles - np.clip(angles, *GAZE_LIMITS_RAD)).sum()
-        return float(beyond + sum(gaze_energy(patch.red, inside, iris(patch, angles)) for patch, inside in seen))
+        return float(
+            beyond + sum(gaze_energy(patch.red, inside, iris_coverage(patch, angles)) for patch, inside in seen)
+        )
 
     best = starts[int(np.argmin([energy(start) for start in starts]))]
     simplex = best + STEP_RAD * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
@@ -168,22 +172,24 @@ def _gaze(
 def _contrast(patches: list[Patch], eye: EyeGeometry, angles_rad: Float[ndarray, " 2"], lid: float) -> float:
     """Mean red bias of skin minus that of the eye, pooled over views."""
     bias = np.concatenate([patch.bias for patch in patches])
-    inside = np.concatenate([opening(patch, eye, angles_rad, lid) for patch in patches])
+    inside = np.concatenate([lid_opening_coverage(patch, eye, angles_rad, lid) for patch in patches])
     if not 0 < inside.sum() < len(inside):
         return 0.0
     return float(np.average(bias, weights=1 - inside) - np.average(bias, weights=inside))
 
 
-def opening(patch: Patch, eye: EyeGeometry, angles_rad: Float[ndarray, " 2"], lid: float) -> Float[ndarray, " N"]:
+def lid_opening_coverage(
+    patch: Patch, eye: EyeGeometry, angles_rad: Float[ndarray, " 2"], lid: float
+) -> Float[ndarray, " N"]:
     """Fraction of each pixel between the lids (E1 and E2)."""
     curves = eye.lids.curves(angles_rad, np.array(lid))[UPPER.start : LOWER.stop] * TEMPORAL_AXES[eye.eye] + eye.centre
-    drawn = _project(patch.posed_image, curves, patch.turn)
+    projected = _project(patch.posed_image, curves, patch.turn)
     x, y = patch.at_px.T
-    upper, lower = (_height(drawn[curve], x) for curve in (UPPER, LOWER))
+    upper, lower = (_height(projected[curve], x) for curve in (UPPER, LOWER))
     return np.asarray(np.clip(np.minimum(lower - y, y - upper) + 0.5, 0.0, 1.0))
 
 
-def iris(patch: Patch, angles_rad: Float[ndarray, " 2"]) -> Float[ndarray, " N"]:
+def iris_coverage(patch: Patch, angles_rad: Float[ndarray, " 2"]) -> Float[ndarray, " N"]:
     """Fraction of each pixel in the iris circle, whether or not the lids cover it."""
     gaze = angles_to_direction(angles_rad)
     along = (IRIS_CENTRE_M - patch.origin @ gaze) / (patch.rays @ gaze)

@@ -104,7 +104,7 @@ def expected_aspect_ratio(motion: Motion, camera: Camera, closure: float) -> Flo
     return aspect_ratio(projected.reshape(len(motion), 2, 6, 2))
 
 
-def lids(
+def fit_lids(
     observed: Float[ndarray, "T 2"], expected: Float[ndarray, "T 2"], fps: float, settings: BlinkSettings
 ) -> EyelidMotion:
     """Closure and blinks from observed (NaN where hidden) and predicted EAR, both minus the EAR of shut eyes."""

@@ -19,8 +19,8 @@ from pydantic import Field
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import eye_in_head, gaze_in_space
 from talkingeyes.core.settings import Settings
-from talkingeyes.fitting.blink import BlinkSettings, EyelidMotion, expected_aspect_ratio, eye_aspect_ratio, lids
-from talkingeyes.fitting.expression import ExpressionSettings, face
+from talkingeyes.fitting.blink import BlinkSettings, EyelidMotion, expected_aspect_ratio, eye_aspect_ratio, fit_lids
+from talkingeyes.fitting.expression import ExpressionSettings, fit_expression
 from talkingeyes.fitting.eye_calibration import (
     EyeCalibrationSettings,
     OculomotorRangeSettings,
@@ -30,7 +30,7 @@ from talkingeyes.fitting.eye_calibration import (
 from talkingeyes.fitting.face_identity import FaceIdentity, FaceIdentitySettings, face_identity
 from talkingeyes.fitting.gaps import interpolate_gaps, runs
 from talkingeyes.fitting.head_pose import HeadPose, HeadPoseSettings, head_pose
-from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, PupilObservations, Solution, solve
+from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, PupilObservations, Solution, fit_gaze
 from talkingeyes.fitting.smoothing import SmoothingSettings, smooth_gaze
 from talkingeyes.head.observation import Observation
 
@@ -88,19 +88,19 @@ def fit_clip(observation: Observation, settings: FitSettings) -> FitResult:
     who = face_identity(observation.landmarks, camera, settings.head_pose, settings.face_identity)
     pose = head_pose(observation.landmarks, camera, settings.head_pose, who.face)
     observations = PupilObservations(observation.pupils, pose.head, pose.translation, camera)
-    solution = solve(observations, settings.lightgazefit)
+    solution = fit_gaze(observations, settings.lightgazefit)
     seen = observations.seen & pose.seen[:, None]
     visible = seen.any(axis=1)
     gaze = interpolate_gaps(solution.gaze.reshape(-1, 6), visible).reshape(-1, 2, 3)
     raw = Motion.of(observation.fps, pose.head, gaze, translation=pose.translation)
     shut, wide = (expected_aspect_ratio(raw, camera, closure) for closure in (1.0, 0.0))
-    eyelids = lids(eye_aspect_ratio(observation.landmarks) - shut, wide - shut, raw.fps, settings.blink)
+    eyelids = fit_lids(eye_aspect_ratio(observation.landmarks) - shut, wide - shut, raw.fps, settings.blink)
     open_ = visible & ~eyelids.blinking
     shown_eyes = seen & open_[:, None]
     clip_eyes = eye_calibration(gaze, raw.head, shown_eyes, raw.fps, settings.eye_calibration)
     gaze = clip_eyes.apply(gaze, np.asarray(shown_eyes.all(axis=1)))
     space = smooth_gaze(gaze_in_space(raw.head, gaze), shown_eyes, raw.fps, settings.smoothing)
-    shown = face(observation.landmarks, pose, who.face, camera, settings.face)
+    shown = fit_expression(observation.landmarks, pose, who.face, camera, settings.face)
     motion = replace(
         raw,
         gaze=limit_to_range(eye_in_head(raw.head, space), settings.oculomotor_range),

@@ -98,7 +98,7 @@ def evaluate_fit(
         residual_px=float(np.median(fit.pose.residual_px[seen])) if seen.any() else 0.0,
         head_error_rad=None if truth is None else float(head_error(fit.motion, truth.motion)[seen].mean()),
         translation_error_m=None if truth is None else float(_moved(fit.motion, truth.motion)[seen].mean()),
-        match=None if truth is None else match(fit.lids.blinks, truth.events, fit.motion.fps),
+        match=None if truth is None else match_blinks(fit.lids.blinks, truth.events, fit.motion.fps),
     )
 
 
@@ -123,7 +123,7 @@ def blink_spans(events: Events, fps: float) -> list[tuple[int, int]]:
     ]
 
 
-def match(found: tuple[tuple[int, int], ...], events: Events, fps: float) -> BlinkMatches:
+def match_blinks(found: tuple[tuple[int, int], ...], events: Events, fps: float) -> BlinkMatches:
     """Match detected with true blinks; two blinks match if they overlap."""
     spans = blink_spans(events, fps)
     overlaps = np.array([[a[0] < b[1] and b[0] < a[1] for b in spans] for a in found], bool)

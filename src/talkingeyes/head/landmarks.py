@@ -105,7 +105,7 @@ def eye_landmarks(gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]) -> 
     return points.reshape(len(gaze), 2, 6, 3)
 
 
-def pupils(gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 2 3"]:
+def pupil_centres(gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 2 3"]:
     """Pupil centres in head coordinates, metres."""
     return np.asarray(EYE_CENTRES + PUPIL_OFFSET_M * rotvec_to_direction(gaze))
 

@@ -10,10 +10,10 @@ from scipy.sparse import csr_array
 
 def vertex_normals(vertices: Float[ndarray, "T V 3"], faces: Int[ndarray, "F 3"]) -> Float[ndarray, "T V 3"]:
     """Unit normals, outward for faces that are counter-clockwise from outside; zero at a vertex without faces."""
-    return normals_from_incidence(vertices, faces, incidence(faces, vertices.shape[1]))
+    return normals_from_incidence(vertices, faces, incidence_matrix(faces, vertices.shape[1]))
 
 
-def incidence(faces: Int[ndarray, "F 3"], vertices: int) -> csr_array:
+def incidence_matrix(faces: Int[ndarray, "F 3"], vertices: int) -> csr_array:
     """The matrix (V, F) that sums face values at vertices."""
     columns = np.repeat(np.arange(len(faces)), 3)
     return csr_array((np.ones(faces.size, np.float32), (faces.ravel(), columns)), shape=(vertices, len(faces)))

@@ -104,7 +104,7 @@ def build_brow(
     return BrowStrip(attachment, _grid(BROW_ROWS, BROW_COLUMNS, sign), colours)
 
 
-def ambient(vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"]) -> Float[ndarray, " V"]:
+def ambient_occlusion(vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"]) -> Float[ndarray, " V"]:
     """Cosine-weighted fraction of the hemisphere above each vertex without an occluder within 8 cm."""
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene

@@ -207,14 +207,14 @@ class SpeechToMotion(nn.Module):
         self, speech: Float[Tensor, "B T S"], true: Float[Tensor, "B T 3"], posterior: Float[Tensor, "B T 3"]
     ) -> Float[Tensor, "B T 3"]:
         """The heads that gaze is conditioned on in training, mixed by `head_mix`."""
-        mix, drawn = self.settings.head_mix, torch.rand(len(true), device=true.device)
-        head = torch.where((drawn < mix.posterior)[:, None, None], posterior, true)
+        mix, uniform = self.settings.head_mix, torch.rand(len(true), device=true.device)
+        head = torch.where((uniform < mix.posterior)[:, None, None], posterior, true)
         if mix.prior == 0:
             return head
         seeds = distributed.local_rows(torch.randint(2**31, (len(true) * distributed.world_size(),)).tolist())
         with torch.no_grad():
             prior = self.head.sample(speech, seeds)
-        return torch.where((drawn >= 1 - mix.prior)[:, None, None], prior, head)
+        return torch.where((uniform >= 1 - mix.prior)[:, None, None], prior, head)
 
     @torch.no_grad()
     def generate(

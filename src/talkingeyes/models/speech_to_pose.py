@@ -134,10 +134,10 @@ class SpeechToPose(nn.Module):
         return self.head.sample(self.encode_speech(part, styles), start, generators)
 
     def _style(self, style: Float[ndarray, " K"] | None, generators: torch.Generator) -> Float[Tensor, " K"]:
-        drawn = torch.randint(len(self.speakers), (1,), generator=generators)
+        speaker_index = torch.randint(len(self.speakers), (1,), generator=generators)
         if style is not None:
             return torch.from_numpy(np.asarray(style, np.float32))
-        return torch.eye(len(self.speakers))[drawn[0]]
+        return torch.eye(len(self.speakers))[speaker_index[0]]
 
     def _start(self, style: Float[Tensor, " K"], generators: torch.Generator) -> Float[Tensor, " 6"]:
         """A random stored pose of the speaker with the largest weight; the paper starts at rest."""

@@ -3,9 +3,9 @@
 F_p(t) = sum_s D_sp T_sp / sum_s D_sp with D_sp = alpha_sp exp(-theta_p |t - t_s|): every phoneme s has a target for
 each field p (jaw, rounding, spreading, parting), with a weight that decays with distance in time, which models
 coarticulation. Lips close for p, b, m and meet the teeth for f, v regardless of context; rounding starts earliest
-(Edwards et al. 2016). Phonemes are espeak-ng mnemonics, jaw targets are in radians (FACTS, section 6), the others 0 to
-1. A weak resting target closes the mouth in silence. Everything is a function of time, for any frame rate. Each time is
-computed from its nearest phonemes only (others have weights below 1e-4), so cost is linear in duration.
+(Edwards et al. 2016). Phonemes are espeak-ng mnemonics, jaw targets are in radians, the others 0 to 1. A weak resting
+target closes the mouth in silence. Everything is a function of time, for any frame rate. Each time is computed from its
+nearest phonemes only (others have weights below 1e-4), so cost is linear in duration.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class MouthMotion:
     closed: Float[ndarray, " T"]
 
 
-def mouth(phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], style: ArticulationStyle) -> MouthMotion:
+def mouth_motion(phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], style: ArticulationStyle) -> MouthMotion:
     """Jaw and lips at ascending times."""
     fields = coarticulated_parameters(phonemes, times_s, style)
     opening = np.clip(fields[:, 0], 0.0, JAW_LIMIT_RAD)

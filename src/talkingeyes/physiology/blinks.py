@@ -139,7 +139,7 @@ def end_s(blink: Blink) -> float:
     return blink.onset_s + blink.closing_s + blink.hold_s + blink.opening_s
 
 
-def closure(blinks: Sequence[Blink], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
+def blink_closure(blinks: Sequence[Blink], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
     """Closure by blinks at ascending times: 0 open, 1 shut."""
     total = np.zeros(len(times_s))
     for blink in blinks:

@@ -119,16 +119,16 @@ class FacialBehaviour:
         return EMOTION_EXPRESSIONS[self.emotion]
 
 
-def expression(
+def expression_weights(
     face: FacialBehaviour, mouth: MouthMotion, times_s: Float[ndarray, " T"], strength_over_time: Float[ndarray, " T"]
 ) -> Float[ndarray, "T C"]:
     """Weights of FACE_SHAPES, 0 to 1. `strength_over_time` is a factor on the emotion at each time, around 1."""
     weights = np.zeros((len(times_s), len(FACE_SHAPES)))
     brows = brow_height(face.brows, times_s)
-    felt = face.share * strength_over_time
+    emotion_strength = face.share * strength_over_time
     for name, weight in face.emotion_expression.shapes.items():
         weights[:, FACE_SHAPES.index(name)] += (
-            weight * felt * (1.0 - mouth.closed if name in LIP_PARTING_SHAPES else 1.0)
+            weight * emotion_strength * (1.0 - mouth.closed if name in LIP_PARTING_SHAPES else 1.0)
         )
     for name, weight in BROW_RAISE_SHAPES.items():
         weights[:, FACE_SHAPES.index(name)] += weight * brows

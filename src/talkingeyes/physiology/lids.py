@@ -20,7 +20,7 @@ from numpy import ndarray
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.eyelid.anatomy import EyelidParameters, sample_eyelid_parameters, upper_lid_rotation_rad
 from talkingeyes.head.eyelid.blendshapes import AHEAD, LID_SHAPES, SIDES
-from talkingeyes.head.eyelid.model import predictors
+from talkingeyes.head.eyelid.model import gaze_predictors
 
 LID_LAG_S = 0.005  # delay of the lid after the eye
 MIN_OPENING_M = 0.002  # lower limit of the opening when a lid height is converted to a closure
@@ -43,7 +43,7 @@ def lid_closure_by_gaze(
 ) -> Float[ndarray, "T 2"]:
     """`Motion.lid` without blinks for eye-in-head angles (yaw, pitch). `lid_pitch_rad`: the pitch that lids follow."""
     frame = _lid_frame()
-    inputs = predictors(angles_rad) - AHEAD
+    inputs = gaze_predictors(angles_rad) - AHEAD
     modelled_m = np.einsum("tep,ep->te", inputs, frame.upper_by_gaze)
     turned = (
         np.stack([upper_lid_rotation_rad(lid_pitch_rad[:, eye], eyes[eye]) for eye in range(2)], axis=-1) + drift_rad

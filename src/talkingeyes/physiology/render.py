@@ -76,7 +76,9 @@ class ContinuousMotion:
     emotion_fluctuation: Sinusoids
 
 
-def head(events: Events, continuous_motion: ContinuousMotion, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
+def head_rotations(
+    events: Events, continuous_motion: ContinuousMotion, times_s: Float[ndarray, " T"]
+) -> Float[ndarray, "T 3"]:
     """Head rotation vectors: rest, continuous motion, and the sum of the head movements."""
     speaking = continuous_motion.activity.at(times_s)[:, None] * continuous_motion.head_speech_motion.at(times_s)
     moves = eye_head.head_path(events.head_movements, times_s)
@@ -85,17 +87,17 @@ def head(events: Events, continuous_motion: ContinuousMotion, times_s: Float[nda
 
 def render(events: Events, continuous_motion: ContinuousMotion, times_s: Float[ndarray, " T"], fps: float) -> Motion:
     """Render the state at ascending times; `fps` is stored in the Motion."""
-    turned = head(events, continuous_motion, times_s)
-    gaze_space = saccades.path(events.saccades, continuous_motion.gaze_rest_rad, times_s)
+    turned = head_rotations(events, continuous_motion, times_s)
+    gaze_space = saccades.gaze_path(events.saccades, continuous_motion.gaze_rest_rad, times_s)
     lags_s = (-continuous_motion.blink_lag_s / 2.0, continuous_motion.blink_lag_s / 2.0)
-    shut = np.stack([blinks.closure(events.blinks, times_s - lag) for lag in lags_s], axis=-1)
+    shut = np.stack([blinks.blink_closure(events.blinks, times_s - lag) for lag in lags_s], axis=-1)
     turned_in = vergence.vergence_path(events.vergence_movements, events.saccades, times_s)
     gaze = eye_head.eye_rotations(
         turned, gaze_space, turned_in, continuous_motion.kappa_rad, blinks.blink_eye_rotation_rad(shut)
     )
-    mouth = articulation.mouth(continuous_motion.phonemes, times_s, continuous_motion.mouth)
+    mouth = articulation.mouth_motion(continuous_motion.phonemes, times_s, continuous_motion.mouth)
     strength_over_time = 1.0 + continuous_motion.emotion_fluctuation.at(times_s)[:, 0]
-    behind = gaze_space - saccades.path(events.saccades, continuous_motion.gaze_rest_rad, times_s - lids.LID_LAG_S)
+    behind = gaze_space - saccades.gaze_path(events.saccades, continuous_motion.gaze_rest_rad, times_s - lids.LID_LAG_S)
     return Motion.of(
         fps=fps,
         head=turned,
@@ -103,7 +105,7 @@ def render(events: Events, continuous_motion: ContinuousMotion, times_s: Float[n
         translation=continuous_motion.translation.at(times_s),
         lid=lids.add_blinks(_open_lids(continuous_motion, gaze, behind[:, 1], times_s, strength_over_time), shut),
         jaw=mouth.jaw,
-        expression=face.expression(continuous_motion.face, mouth, times_s, strength_over_time),
+        expression=face.expression_weights(continuous_motion.face, mouth, times_s, strength_over_time),
         expression_names=face.FACE_SHAPES,
     )
 

@@ -44,7 +44,7 @@ def skew(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
     return np.asarray(np.clip(0.45 - (np.degrees(amplitude_rad) - 10.0) * 0.25 / 40.0, 0.20, 0.45))
 
 
-def progress(phase: Float[ndarray, "*N"], skewness: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
+def completed_fraction(phase: Float[ndarray, "*N"], skewness: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
     """Completed fraction of the amplitude at `phase` (0 to 1 within the saccade, clipped outside)."""
     x = np.clip(phase, 0.0, 1.0)
     return np.asarray(betainc(BETA_SUM * np.asarray(skewness) + 1.0, BETA_SUM * (1.0 - np.asarray(skewness)) + 1.0, x))
@@ -66,7 +66,7 @@ def progress_moments(amplitude_rad: Float[ndarray, "*N"] | float) -> Moments:
     return Moments(mean, np.asarray(np.sqrt(mean * (1.0 - mean) / (total + 1.0))))
 
 
-def path(
+def gaze_path(
     saccades: Sequence[Saccade], rest_rad: tuple[float, float] | Float[ndarray, " 2"], times_s: Float[ndarray, " T"]
 ) -> Float[ndarray, "T 2"]:
     """Gaze in space through a chain of saccades in order of onset; each end is held until the next onset.
@@ -101,11 +101,13 @@ def saccade_progress(
     phase = np.clip((times_s - onset_s[index]) / duration_s[index], 0.0, 1.0)
     completed = phase.copy()
     moving = (phase > 0.0) & (phase < 1.0)
-    completed[moving] = progress(phase[moving], skewness[index[moving]])
+    completed[moving] = completed_fraction(phase[moving], skewness[index[moving]])
     return SaccadeProgress(index, phase, completed)
 
 
-def speed(amplitude_rad: Float[ndarray, "*N"] | float, phase: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
+def speed_rad_s(
+    amplitude_rad: Float[ndarray, "*N"] | float, phase: Float[ndarray, "*N"] | float
+) -> Float[ndarray, "*N"]:
     """Speed in radians per second at a phase of a saccade without jitter: the Beta density over the duration."""
     s = skew(amplitude_rad)
     a, b = BETA_SUM * s, BETA_SUM * (1.0 - s)
@@ -116,10 +118,10 @@ def speed(amplitude_rad: Float[ndarray, "*N"] | float, phase: Float[ndarray, "*N
 
 def peak_speed(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
     """The main sequence: peak speed of a saccade without jitter, in radians per second (mode of the Beta density)."""
-    return speed(amplitude_rad, skew(amplitude_rad))
+    return speed_rad_s(amplitude_rad, skew(amplitude_rad))
 
 
-def saccade(
+def sample_saccade(
     onset_s: float, start_rad: Float[ndarray, " 2"], end_rad: Float[ndarray, " 2"], rng: np.random.Generator
 ) -> Saccade:
     """A saccade between two directions, with jittered duration and skew, so that peak speeds vary by about 10 %."""

@@ -48,10 +48,10 @@ def vergence_path(
         now = np.maximum(np.searchsorted(onset_s, times_s, side="right") - 1, 0)
         left = np.exp(-np.maximum(times_s - onset_s[now], 0.0) / TIME_CONSTANT_S)
         path = target[now] + (start - target)[now] * left
-    return np.asarray(path - divergence(saccades, times_s))
+    return np.asarray(path - saccadic_divergence(saccades, times_s))
 
 
-def divergence(saccades: Sequence[Saccade], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
+def saccadic_divergence(saccades: Sequence[Saccade], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
     """Transient divergence in saccades: a raised cosine over each saccade and shortly after."""
     if not saccades:
         return np.zeros(len(times_s))

@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 
 from talkingeyes.core.motion import Motion
 from talkingeyes.head.model import PARTS, HeadModel
-from talkingeyes.head.normals import incidence, normals_from_incidence
+from talkingeyes.head.normals import incidence_matrix, normals_from_incidence
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.rendering.shading import BACKGROUND, EYE, GLOSSY, MATT, specular_highlights, to_pixels, vertex_light
 from talkingeyes.rendering.view import OrbitCamera
@@ -54,7 +54,7 @@ class HeadRenderer:
 
     @cached_property
     def _around(self) -> csr_array:
-        return incidence(self.model.faces, len(self.model.template))
+        return incidence_matrix(self.model.faces, len(self.model.template))
 
     @cached_property
     def _brows(self) -> Int[ndarray, " N"]:

@@ -1,4 +1,4 @@
-"""Noise of landmark and pupil detectors in pixels (FACTS section 8).
+"""Noise of landmark and pupil detectors in pixels.
 
 Pupil error is slow, not white. It consists of a bias per clip, partly shared by the eyes, a first-order autoregressive
 part, a small white part, and a gain below 1 (the lids hide the iris). It grows as the head turns away. There are rare
@@ -114,7 +114,7 @@ def noisy_pupils(
     )
     seen = ahead_px + gain * (exact_px - ahead_px)
     seen += (bias + slow + white) * _yaw_factor(head_yaw_rad, settings.yaw_growth)
-    seen += bursts(frames, settings, rng)
+    seen += outlier_bursts(frames, settings, rng)
     hidden: Bool[ndarray, "T 2"] = aperture < settings.min_aperture
     seen[hidden] = np.nan
     return np.asarray(seen)
@@ -144,7 +144,7 @@ def autoregressive(
     return np.asarray(deviation_px * lfilter([1.0], [1.0, -step], drive, axis=0))
 
 
-def bursts(frames: int, settings: PupilNoiseSettings, rng: np.random.Generator) -> Float[ndarray, "T 2 2"]:
+def outlier_bursts(frames: int, settings: PupilNoiseSettings, rng: np.random.Generator) -> Float[ndarray, "T 2 2"]:
     """Outliers of single eyes: a constant offset in a random direction for a few frames."""
     added = np.zeros((frames, 2, 2))
     per_frame = settings.burst_share / ((1.0 + settings.burst_max_frames) / 2.0)

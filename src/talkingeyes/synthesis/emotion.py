@@ -62,7 +62,7 @@ def emotional_style(style: SpeakerStyle, emotion: str, strength: float) -> Speak
 
     return replace(
         style,
-        look=_scaled_odds(style.look, scaled(affect.aversion_odds)),
+        partner_gaze_speaking=_scaled_odds(style.partner_gaze_speaking, scaled(affect.aversion_odds)),
         partner_gaze_listening=_scaled_odds(style.partner_gaze_listening, scaled(affect.aversion_odds)),
         head_scale=style.head_scale * scaled(affect.head_range),
         head_tempo=style.head_tempo * scaled(affect.head_tempo),
@@ -72,6 +72,6 @@ def emotional_style(style: SpeakerStyle, emotion: str, strength: float) -> Speak
     )
 
 
-def _scaled_odds(look: float, factor: float) -> float:
+def _scaled_odds(probability: float, factor: float) -> float:
     """Proportion of gaze at the partner after the odds of looking away are multiplied by `factor`."""
-    return look / (look + factor * (1.0 - look))
+    return probability / (probability + factor * (1.0 - probability))

@@ -42,7 +42,7 @@ PLANNED_PAUSE_S = 0.5  # after longer pauses, the next utterance is planned
 INTIMACY_TALKING_S, INTIMACY_LISTENING_S = (1.96, 0.55), (1.14, 0.27)
 LOOK_SCALE, LOOK_SHAPE = 1.6, 2.0
 LISTENING_SCALE = 2.5  # compensates for gaze intervals cut short by turns
-AVERAGE_LOOK, AVERSION_STYLE_EXPONENT = 0.55, 0.45
+AVERAGE_PARTNER_GAZE, AVERSION_STYLE_EXPONENT = 0.55, 0.45
 LISTENING_SPREAD = 0.26  # relative standard deviation of gaze intervals of a listener (7.21 +- 1.88 s)
 MIN_DWELL_S = 0.45
 WARM_UP_S = 6.0
@@ -84,7 +84,7 @@ def sample_gaze_cues(annotation: Annotation, style: SpeakerStyle, rng: np.random
         if after_s >= MIN_PAUSE_S and rng.random() < chance * (0.3 + 0.7 * style.speech_coupling):
             back.append(span.end_s + rng.uniform(*RETURN_LATENCY_S))
     back.extend(span.start_s + rng.uniform(*LISTENER_LATENCY_S) for span in annotation.listening)
-    return GazeCues(tuple(sorted(aversions, key=lambda look: look.start_s)), tuple(sorted(back)))
+    return GazeCues(tuple(sorted(aversions, key=lambda interval: interval.start_s)), tuple(sorted(back)))
 
 
 def gaze_intervals(
@@ -93,7 +93,7 @@ def gaze_intervals(
     """Alternating gaze states from WARM_UP_S before the clip, so that it starts in mid-conversation, to its end."""
     cues = sample_gaze_cues(annotation, style, rng)
     time = -WARM_UP_S
-    looking = style.partner_gaze_listening if _listens(annotation.listening, time) else style.look
+    looking = style.partner_gaze_listening if _listens(annotation.listening, time) else style.partner_gaze_speaking
     averted, cause = bool(rng.random() > looking), _cause_at(cues, time)
     states: list[GazeInterval] = []
     while time < seconds:
@@ -113,9 +113,9 @@ def _listens(listening: tuple[Span, ...], time_s: float) -> bool:
 
 def _cause_at(cues: GazeCues, time_s: float) -> AversionCause:
     """Cause of an aversion that starts at a time: that of the cue, or intimacy without a cue."""
-    for look in cues.aversions:
-        if look.start_s <= time_s < look.end_s:
-            return look.cause
+    for interval in cues.aversions:
+        if interval.start_s <= time_s < interval.end_s:
+            return interval.cause
     return "intimacy"
 
 
@@ -127,10 +127,10 @@ def _end_looking(time_s: float, cues: GazeCues, listens: bool, style: SpeakerSty
         mean_s = LISTENING_SCALE * INTIMACY_LISTENING_S[0] * odds / style.liveliness
         spontaneous_end_s = time_s + mean_s * max(0.1, 1.0 + LISTENING_SPREAD * rng.standard_normal())
     else:
-        odds = style.look / (1.0 - style.look)
+        odds = style.partner_gaze_speaking / (1.0 - style.partner_gaze_speaking)
         mean_s = LOOK_SCALE * INTIMACY_TALKING_S[0] * odds / style.liveliness
         spontaneous_end_s = time_s + rng.gamma(LOOK_SHAPE, mean_s / LOOK_SHAPE)
-    wanted = [max(look.start_s, earliest) for look in cues.aversions if look.end_s > earliest + MIN_DWELL_S]
+    wanted = [max(interval.start_s, earliest) for interval in cues.aversions if interval.end_s > earliest + MIN_DWELL_S]
     return float(min([max(spontaneous_end_s, earliest), *wanted]))
 
 
@@ -142,17 +142,22 @@ def _end_away(time_s: float, cues: GazeCues, listens: bool, style: SpeakerStyle,
     else:
         length_s = _away_odds(style) ** AVERSION_STYLE_EXPONENT * rng.normal(*INTIMACY_TALKING_S)
     end = max(earliest, time_s + length_s)
-    for look in cues.aversions:
-        if look.start_s <= time_s < look.end_s:
-            end = max(earliest, look.end_s)
-        elif time_s < look.start_s <= end < look.end_s:  # consecutive aversions are joined
-            end = look.end_s
+    for interval in cues.aversions:
+        if interval.start_s <= time_s < interval.end_s:
+            end = max(earliest, interval.end_s)
+        elif time_s < interval.start_s <= end < interval.end_s:  # consecutive aversions are joined
+            end = interval.end_s
     return float(min([end, *(back for back in cues.returns_s if back > earliest)]))
 
 
 def _away_odds(style: SpeakerStyle) -> float:
     """Odds of looking away relative to an average person, who looks at the partner 55 % of the time."""
-    return (1.0 - style.look) / style.look * AVERAGE_LOOK / (1.0 - AVERAGE_LOOK)
+    return (
+        (1.0 - style.partner_gaze_speaking)
+        / style.partner_gaze_speaking
+        * AVERAGE_PARTNER_GAZE
+        / (1.0 - AVERAGE_PARTNER_GAZE)
+    )
 
 
 def _aversion_tendency(style: SpeakerStyle) -> float:

@@ -2,10 +2,10 @@
 
 Gaze in space is a chain of saccades. Within a state gaze scans: in small steps over the partner's face, or around the
 averted location with the amplitude distribution of Eyes Alive. The direction of an aversion depends on its cause
-(Andrist et al. 2013), its amplitude is again that of Eyes Alive. Large shifts undershoot and are corrected (FACTS,
-section 1), and beyond the speaker's threshold the head contributes (section 2). The partner is at a fixed distance,
-averted locations are further away, and the eyes converge accordingly. Angles are (yaw, pitch) in radians, times in
-seconds.
+(Andrist et al. 2013), its amplitude is again that of Eyes Alive. Large shifts undershoot and are corrected (Collewijn,
+Erkelens & Steinman 1988), and beyond the speaker's threshold the head contributes (Stahl 1999). The partner is at a
+fixed distance, averted locations are further away, and the eyes converge accordingly. Angles are (yaw, pitch) in
+radians, times in seconds.
 """
 
 from __future__ import annotations
@@ -72,12 +72,14 @@ class GazeBuilder:
             self.saccades[-1].onset_s + self.saccades[-1].duration_s + MIN_INTERSACCADIC_S if self.saccades else -np.inf
         )
 
-    def enter_interval(self, look: GazeInterval) -> None:
+    def enter_interval(self, interval: GazeInterval) -> None:
         """Shift gaze, head contribution and vergence distance to a new state."""
-        onset_s = self.shift(look.start_s, self.aversion_point(look.cause) if look.averted else self.point_on_face())
-        distance_m = self.rng.uniform(*AVERSION_DISTANCE_M) if look.averted else self.partner_distance_m
+        onset_s = self.shift(
+            interval.start_s, self.aversion_point(interval.cause) if interval.averted else self.point_on_face()
+        )
+        distance_m = self.rng.uniform(*AVERSION_DISTANCE_M) if interval.averted else self.partner_distance_m
         self.vergence_movements.append(VergenceMovement(onset_s, float(distance_m)))
-        self.add_head_contribution(onset_s, look)
+        self.add_head_contribution(onset_s, interval)
 
     def shift(self, onset_s: float, target_rad: Float[ndarray, " 2"]) -> float:
         """Add a saccade towards a target within the range of eyes and head; return its onset.
@@ -103,13 +105,13 @@ class GazeBuilder:
         )
 
     def _saccade(self, onset_s: float, target_rad: Float[ndarray, " 2"]) -> None:
-        self.saccades.append(saccades.saccade(onset_s, self.gaze_rad, target_rad, self.rng))
+        self.saccades.append(saccades.sample_saccade(onset_s, self.gaze_rad, target_rad, self.rng))
         self.gaze_rad = np.array(self.saccades[-1].end_rad)
 
-    def add_head_contribution(self, onset_s: float, look: GazeInterval) -> None:
+    def add_head_contribution(self, onset_s: float, interval: GazeInterval) -> None:
         """Add the head contribution to a shift that starts at `onset_s`: towards an averted location, or back."""
         onset = onset_s + eye_head.sample_onset_lag_s(self.rng)
-        if not look.averted:
+        if not interval.averted:
             self._turn(onset, -self.rng.uniform(0.7, 1.0) * self.head_contribution_rad)
             return
         eccentricity = self.gaze_rad - self.head_at(onset_s)
@@ -119,7 +121,7 @@ class GazeBuilder:
         gain = min(1.0, AVERSION_HEAD_GAIN * self.style.head_gain)
         self._turn(onset, eye_head.head_contribution(eccentricity, self.style.head_threshold, gain))
         back_s = onset + self.rng.uniform(0.6, 1.5)
-        if self.rng.random() < HEAD_RETURN_PROBABILITY and back_s < look.end_s:
+        if self.rng.random() < HEAD_RETURN_PROBABILITY and back_s < interval.end_s:
             self._turn(back_s, -self.rng.uniform(0.5, 1.0) * self.head_contribution_rad, self.rng.uniform(1.0, 3.0))
 
     def _turn(self, onset_s: float, turn_rad: Float[ndarray, " 2"], duration_s: float | None = None) -> None:
@@ -132,7 +134,7 @@ class GazeBuilder:
             HeadMovement(float(onset_s), float(duration), (-float(turn_rad[1]), float(turn_rad[0]), 0.0))
         )
 
-    def scan(self, look: GazeInterval) -> None:
+    def scan(self, interval: GazeInterval) -> None:
         """Add saccades within a state until it ends."""
         rng = self.rng
         median_s = SCAN_MEDIAN_S / (self.style.saccade_rate * self.style.liveliness)
@@ -140,21 +142,21 @@ class GazeBuilder:
             onset = self.earliest_onset_s + max(
                 0.0, median_s * np.exp(SCAN_SPREAD * rng.standard_normal()) - MIN_INTERSACCADIC_S
             )
-            if onset > look.end_s - MIN_INTERSACCADIC_S:
+            if onset > interval.end_s - MIN_INTERSACCADIC_S:
                 return
-            amplitudes = saccades.sample_amplitudes_rad(8, rng, max_deg=MAX_SCAN_DEG[look.averted])
+            amplitudes = saccades.sample_amplitudes_rad(8, rng, max_deg=MAX_SCAN_DEG[interval.averted])
             targets = self.gaze_rad + amplitudes[:, None] * saccades.sample_directions(8, rng)
-            self.shift(onset, self._near(targets, look))
+            self.shift(onset, self._near(targets, interval))
 
-    def _near(self, targets: Float[ndarray, "K 2"], look: GazeInterval) -> Float[ndarray, " 2"]:
+    def _near(self, targets: Float[ndarray, "K 2"], interval: GazeInterval) -> Float[ndarray, " 2"]:
         """The first candidate that is valid in the state: on the partner's face, or off it."""
         away = targets - self.partner_rad
         on_face = np.hypot(*(away / FACE_RADIUS_RAD).T) < 1.0
         off_face = np.hypot(*(away / (1.4 * FACE_RADIUS_RAD)).T) > 1.0
-        fits = np.flatnonzero(off_face & (np.hypot(*away.T) < MAX_AVERSION_RAD) if look.averted else on_face)
+        fits = np.flatnonzero(off_face & (np.hypot(*away.T) < MAX_AVERSION_RAD) if interval.averted else on_face)
         if len(fits):
             return np.asarray(targets[fits[0]])
-        return self.aversion_point(look.cause) if look.averted else self.point_on_face()
+        return self.aversion_point(interval.cause) if interval.averted else self.point_on_face()
 
     def point_on_face(self) -> Float[ndarray, " 2"]:
         """Sample a location on the partner's face."""
@@ -192,7 +194,7 @@ def generate_gaze(
     partner = rng.normal(0.0, PARTNER_SPREAD_RAD)
     partner_distance_m = float(rng.uniform(*PARTNER_DISTANCE_M))
     gaze_builder = GazeBuilder(style, head_s, head_space_rad, rng, partner, partner_distance_m, gaze_rad=partner)
-    for look in states:
-        gaze_builder.enter_interval(look)
-        gaze_builder.scan(look)
+    for interval in states:
+        gaze_builder.enter_interval(interval)
+        gaze_builder.scan(interval)
     return gaze_builder

@@ -1,8 +1,8 @@
 """Head gestures with speech: posture shifts, nods, beats on stressed syllables, and continuous motion in bands.
 
 The frequency bands, their coupling to speech, posture shifts at the onset of speech and rapid movements at stress
-follow Hadar et al. (1983, 1984). Nods are down- and up-strokes around a stressed vowel, on some syllables only (FACTS,
-section 3), sampled anew for each take. Angles are in radians, times in seconds.
+follow Hadar et al. (1983, 1984). Nods are down- and up-strokes around a stressed vowel, on some syllables only, sampled
+anew for each take. Angles are in radians, times in seconds.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def concatenate_sinusoids(*waves: Sinusoids) -> Sinusoids:
     )
 
 
-def activity(annotation: Annotation, rng: np.random.Generator) -> PiecewiseLinear:
+def motion_scale(annotation: Annotation, rng: np.random.Generator) -> PiecewiseLinear:
     """Speech-dependent scale of head motion: 1 while speaking, less in silence, with ramps.
 
     While listening it is SILENT_ACTIVITY (Hadar 1983). The level in a pause within a turn and the times of the ramps
@@ -88,8 +88,8 @@ def activity(annotation: Annotation, rng: np.random.Generator) -> PiecewiseLinea
             knots.pop()
             knots.pop()
         else:
-            heard = any(each.start_s < span.start_s and each.end_s > end_s for each in annotation.listening)
-            level = SILENT_ACTIVITY if heard or not knots else max(SILENT_ACTIVITY, float(rng.uniform() ** 6))
+            is_listening = any(each.start_s < span.start_s and each.end_s > end_s for each in annotation.listening)
+            level = SILENT_ACTIVITY if is_listening or not knots else max(SILENT_ACTIVITY, float(rng.uniform() ** 6))
             if knots:
                 knots[-1] = (knots[-1][0], level)
             rise_s = max(span.start_s + RAMP_SPREAD_S * rng.standard_normal(), knots[-1][0] if knots else -np.inf)
@@ -131,7 +131,7 @@ class Nod:
     down_s: float
 
 
-def nods(annotation: Annotation, style: SpeakerStyle, rng: np.random.Generator) -> list[HeadMovement]:
+def sample_nods(annotation: Annotation, style: SpeakerStyle, rng: np.random.Generator) -> list[HeadMovement]:
     """Sample nods on some stressed, few unstressed and some phrase-final syllables; beats on other stressed ones."""
     large = _keep_spaced([], _nods(annotation, style, rng), MIN_NOD_DISTANCE_S)
     moves: list[HeadMovement] = []
@@ -197,7 +197,7 @@ def _apex_s(nod: Nod) -> float:
     return nod.apex_s
 
 
-def leaning(annotation: Annotation, style: SpeakerStyle, rng: np.random.Generator) -> list[HeadMovement]:
+def loudness_pitch(annotation: Annotation, style: SpeakerStyle, rng: np.random.Generator) -> list[HeadMovement]:
     """Head pitch that follows word loudness, lower on loud words (Munhall et al. 2004), with a gain per take."""
     slope = float(np.radians(LEAN_DEG) * style.speech_coupling * style.head_scale * max(0.0, rng.normal(1.0, 0.5)))
     moves: list[HeadMovement] = []
@@ -216,7 +216,7 @@ def _loudness(word: Span, phonemes: Sequence[Phoneme]) -> float:
     return float(np.mean(inside)) if inside else 0.0
 
 
-def backchannels(annotation: Annotation, style: SpeakerStyle, rng: np.random.Generator) -> list[HeadMovement]:
+def listener_nods(annotation: Annotation, style: SpeakerStyle, rng: np.random.Generator) -> list[HeadMovement]:
     """Nods of a listener around the ends of the partner's phrases, with decreasing depth."""
     moves = []
     for span in annotation.partner:
@@ -232,7 +232,7 @@ def backchannels(annotation: Annotation, style: SpeakerStyle, rng: np.random.Gen
     return moves
 
 
-def translation(style: SpeakerStyle, rng: np.random.Generator) -> Sinusoids:
+def head_sway(style: SpeakerStyle, rng: np.random.Generator) -> Sinusoids:
     """Slow sway of the head's joint: a few millimetres, largest in depth."""
     frequency = rng.uniform(0.05, 0.5, 5)
     amplitude = style.translation_scale * np.array([0.003, 0.0015, 0.004]) * rng.rayleigh(0.6, (5, 3))

@@ -1,9 +1,8 @@
 """Simulated camera observations of a take: landmarks and pupil centres in pixels, with detector noise.
 
-The scale is that of a 224 x 224 face crop (1.154 pixels per millimetre at the eyes, FACTS section 8) at any camera
-distance; the distance affects only perspective. Landmarks are those of the speaker's head (weights of the identity
-shapes of the open head), with expression. The noiseless pupil is a function of Motion and camera (`exact_pupils_px`),
-so it is not stored.
+The scale is that of a 224 x 224 face crop (1.154 pixels per millimetre at the eyes) at any camera distance; the
+distance affects only perspective. Landmarks are those of the speaker's head (weights of the identity shapes of the open
+head), with expression. The noiseless pupil is a function of Motion and camera (`exact_pupils_px`), so it is not stored.
 """
 
 from __future__ import annotations
@@ -68,7 +67,7 @@ def identity_weights(identity: Sequence[float], settings: CameraSettings) -> tup
 
 def exact_pupils_px(motion: Motion, camera: Camera) -> Float[ndarray, "T 2 2"]:
     """True pupil positions in the image."""
-    return camera.project(face.head_to_scene(face.pupils(motion.gaze), motion.head, motion.translation))
+    return camera.project(face.head_to_scene(face.pupil_centres(motion.gaze), motion.head, motion.translation))
 
 
 def exact_landmarks_px(motion: Motion, camera: Camera, identity: Sequence[float] = ()) -> Float[ndarray, "T L 2"]:
@@ -89,7 +88,7 @@ def observe(
     """
     settings = settings.at_full_resolution
     ahead = np.zeros_like(motion.gaze)
-    ahead_px = camera.project(face.head_to_scene(face.pupils(ahead), motion.head, motion.translation))
+    ahead_px = camera.project(face.head_to_scene(face.pupil_centres(ahead), motion.head, motion.translation))
     aperture = 1.0 - motion.lid
     yaw = motion.head[:, 1]
     exact_px = exact_landmarks_px(motion, camera, identity)

@@ -112,12 +112,12 @@ class PlannedSound:
     listening: bool
 
 
-def generator(seed: int, stream: str, index: int, take: int = 0) -> np.random.Generator:
+def seeded_generator(seed: int, stream: str, index: int, take: int = 0) -> np.random.Generator:
     """Random generator of one sampling step; motion and sound have separate streams."""
     return np.random.default_rng([seed, STREAMS[stream], index, take])
 
 
-def sounds(settings: SynthesizeSettings) -> list[PlannedSound]:
+def plan_sounds(settings: SynthesizeSettings) -> list[PlannedSound]:
     """All sounds, source by source; speakers of a source alternate."""
     found: list[PlannedSound] = []
     first_speaker = 0
@@ -129,7 +129,7 @@ def sounds(settings: SynthesizeSettings) -> list[PlannedSound]:
 
 
 def _sound(settings: SynthesizeSettings, source: str, index: int, speaker: int) -> PlannedSound:
-    rng = generator(settings.seed, "scene", index)
+    rng = seeded_generator(settings.seed, "scene", index)
     listening = bool(rng.random() < settings.sources[source].dialogue_share)
     emotion, intensity = "neutral", 0
     if rng.random() >= settings.neutral_share:
@@ -144,7 +144,7 @@ def speaker_name(number: int) -> str:
 
 def speaker_of(settings: SynthesizeSettings, sound: PlannedSound) -> Speaker:
     """The speaker of a sound, the same in all sounds of that speaker."""
-    rng = generator(settings.seed, "speaker", sound.speaker)
+    rng = seeded_generator(settings.seed, "speaker", sound.speaker)
     speaker = sample_speaker(
         speaker_name(sound.speaker),
         _language(settings, sound),
@@ -153,7 +153,7 @@ def speaker_of(settings: SynthesizeSettings, sound: PlannedSound) -> Speaker:
         settings.sources[sound.source].liveliness,
         settings.voices,
     )
-    own = generator(settings.seed, "individual", sound.speaker)
+    own = seeded_generator(settings.seed, "individual", sound.speaker)
     return replace(speaker, style=individualise_style(speaker.style, settings.individuality, own))
 
 
@@ -162,7 +162,7 @@ def dialogue_voices(settings: SynthesizeSettings, sound: PlannedSound) -> Dialog
     voice = apply_emotion(speaker_of(settings, sound).voice, sound.emotion, sound.intensity)
     if not sound.listening:
         return DialogueVoices(voice)
-    rng = generator(settings.seed, "partner", sound.index)
+    rng = seeded_generator(settings.seed, "partner", sound.index)
     return DialogueVoices(voice, sample_voice(rng, _language(settings, sound), settings.voices))
 
 

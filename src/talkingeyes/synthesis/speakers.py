@@ -1,4 +1,4 @@
-"""Speakers: a voice and a style, sampled per person and constant over all clips (FACTS, section 3)."""
+"""Speakers: a voice and a style, sampled per person and constant over all clips."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ IDENTITY_SHAPES = 6
 class SpeakerStyle:
     """Movement style of one person. Angles are in radians; scales are factors around 1.
 
-    `look` is the proportion of talking time with gaze at the partner, `partner_gaze_listening` that of listening time.
-    `aversion_side` is the preferred side of aversions (yaw). `liveliness` scales rate and amplitude of gaze shifts (1
-    as in an interview, less for a calm source). `speech_coupling` (0 to 1) is the influence of speech on gaze and head.
-    `head_tempo` scales the speed of the head, `head_axes` its rotation per axis (pitch, yaw, roll) and
+    `partner_gaze_speaking` is the proportion of talking time with gaze at the partner, `partner_gaze_listening` that of
+    listening time. `aversion_side` is the preferred side of aversions (yaw). `liveliness` scales rate and amplitude of
+    gaze shifts (1 as in an interview, less for a calm source). `speech_coupling` (0 to 1) is the influence of speech on
+    gaze and head. `head_tempo` scales the speed of the head, `head_axes` its rotation per axis (pitch, yaw, roll) and
     `translation_scale` its translation. `head_threshold` and `head_gain` are the eccentricity from which the head
     contributes to gaze shifts, and its gain. `speaking_lift` is the rise of the head while speaking,
     `blink_completeness` the proportion of blinks that close the lids, `kappa` the (yaw, pitch) from the visual to the
     optical axis of the left and the right eye.
     """
 
-    look: float
+    partner_gaze_speaking: float
     partner_gaze_listening: float
     liveliness: float
     aversion_side: float
@@ -76,7 +76,7 @@ def sample_style(
     """Sample a style from the distributions over people; `blinks` is the profile of blink rates."""
     return SpeakerStyle(
         liveliness=liveliness,
-        look=float(np.clip(rng.beta(4.0, 3.3), 0.2, 0.9)),
+        partner_gaze_speaking=float(np.clip(rng.beta(4.0, 3.3), 0.2, 0.9)),
         aversion_side=float(rng.normal(0.0, 0.25)),
         aversion_scale=float(np.exp(0.25 * rng.standard_normal())),
         saccade_rate=float(np.exp(0.20 * rng.standard_normal())),

@@ -30,7 +30,7 @@ LID_DRIFT_RAD = np.radians(1.2)  # correlation time of half a second, up to 5 de
 LID_DRIFT_HZ, LID_WAVES, LID_DIFFERENCE_RAD = (0.04, 1.6), 12, 0.35
 EMOTION_FLUCTUATION, EMOTION_FLUCTUATION_HZ = 0.2, (0.05, 0.3)
 # Factor on the probability of blinks in shifts back to the partner: blinks are suppressed towards relevant targets
-# (Williamson 2005). With the 0.4 of FACTS, shifts of 20 to 30 degrees, most of which are returns, would have far fewer
+# (Williamson 2005). With a factor of 0.4, shifts of 20 to 30 degrees, most of which are returns, would have far fewer
 # blinks than in Evinger et al.
 RETURN_BLINK_FACTOR = 0.85
 EVOKED_COMPLETE_PROBABILITY = 0.5
@@ -62,14 +62,14 @@ def sample_take(
         move
         for gesture in (
             head_gestures.posture_shifts,
-            head_gestures.nods,
-            head_gestures.leaning,
-            head_gestures.backchannels,
+            head_gestures.sample_nods,
+            head_gestures.loudness_pitch,
+            head_gestures.listener_nods,
         )
         for move in gesture(annotation, style, rng)
     ]
     head_s = np.arange(-WARM_UP_S, seconds + HEAD_GRID_S, HEAD_GRID_S)
-    head = render.head(Events(head_movements=tuple(gestured)), continuous_motion, head_s)
+    head = render.head_rotations(Events(head_movements=tuple(gestured)), continuous_motion, head_s)
     states = gaze_intervals(annotation, style, seconds, rng)
     gaze_builder = generate_gaze(
         states, style, head_s, rotation.direction_to_angles(rotation.rotvec_to_direction(head)), rng
@@ -110,8 +110,8 @@ def _continuous(
         head_rest=posture,
         head_drift=drift,
         head_speech_motion=head_gestures.concatenate_sinusoids(*speaking),
-        activity=head_gestures.activity(annotation, rng),
-        translation=head_gestures.translation(style, rng),
+        activity=head_gestures.motion_scale(annotation, rng),
+        translation=head_gestures.head_sway(style, rng),
         eyelids=style.eyelids,
         lid_rest=style.lid_rest,
         lid_drift=_lid_drift(rng),

@@ -1,7 +1,7 @@
 """Text generation: sentences of the project's grammars, with pauses, fillers and restarts, which espeak lacks.
 
-Speech without hesitations carries no sign of planning, so gaze could not depend on it (FACTS.md, section 3, TTS
-caveats). Pure: takes a random generator and returns sentences; reads and writes no files.
+Speech without hesitations carries no sign of planning, so gaze could not depend on it. Pure: takes a random generator
+and returns sentences; reads and writes no files.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Script:
 
 KIND_SHARES: Mapping[SentenceKind, float] = {"statement": 0.45, "question": 0.15, "list": 0.15, "hesitation": 0.25}
 
-# Median, sigma of the logarithm, minimum and maximum, in seconds (FACTS.md section 3); the bounds prevent a clip of 8 s
+# Median, sigma of the logarithm, minimum and maximum, in seconds; the bounds prevent a clip of 8 s
 # that consists of pauses.
 PAUSES: Mapping[PauseKind, tuple[float, float, float, float]] = {
     "comma": (0.22, 0.4, 0.08, 0.8),

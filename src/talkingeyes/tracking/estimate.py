@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from talkingeyes.core.errors import InputError
 from talkingeyes.tracking.face_mesh import FaceMesh
 from talkingeyes.tracking.settings import TrackSettings
-from talkingeyes.tracking.shots import shots
+from talkingeyes.tracking.shots import detect_shots
 from talkingeyes.tracking.sources import VideoSource
-from talkingeyes.tracking.video import VideoInfo, frames, probe_video
+from talkingeyes.tracking.video import VideoInfo, probe_video, read_frames
 
 TRIAL_FRAMES = 75
 # Bytes per second of clip, measured on the clips of docs/real_videos.md: observations, 16 kHz FLAC, journal, thumbnail.
@@ -44,7 +44,7 @@ class TrackingEstimate:
         return "\n".join([*lines, *(f"cannot be opened: {name}" for name in self.unreadable)])
 
 
-def estimate(found: Sequence[VideoSource], settings: TrackSettings) -> TrackingEstimate:
+def estimate_tracking(found: Sequence[VideoSource], settings: TrackSettings) -> TrackingEstimate:
     """Read all containers and measure the first readable video. Raises InputError if there is none."""
     known: list[tuple[VideoSource, VideoInfo]] = []
     unreadable = []
@@ -62,11 +62,11 @@ def estimate(found: Sequence[VideoSource], settings: TrackSettings) -> TrackingE
 
 def _measure_throughput(source: VideoSource, settings: TrackSettings) -> float:
     mesh = FaceMesh(settings.face)
-    trial = [frame for frame, _ in zip(frames(source.path, settings.max_fps), range(TRIAL_FRAMES), strict=False)]
-    list(shots(trial[:5], mesh, settings.shot))  # the first inferences of the networks take longer
+    trial = [frame for frame, _ in zip(read_frames(source.path, settings.max_fps), range(TRIAL_FRAMES), strict=False)]
+    list(detect_shots(trial[:5], mesh, settings.shot))  # the first inferences of the networks take longer
     mesh.reset()
     start = time.process_time()
-    decoded = zip(frames(source.path, settings.max_fps), range(TRIAL_FRAMES), strict=False)
-    list(shots((frame for frame, _ in decoded), mesh, settings.shot))
+    decoded = zip(read_frames(source.path, settings.max_fps), range(TRIAL_FRAMES), strict=False)
+    list(detect_shots((frame for frame, _ in decoded), mesh, settings.shot))
     mesh.close()
     return len(trial) / max(time.process_time() - start, 1e-6)

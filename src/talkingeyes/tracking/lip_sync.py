@@ -67,7 +67,7 @@ def moving_average(values: Float[ndarray, " T"], frames: float) -> Float[ndarray
 def _correlation(lips: Float[ndarray, " T"], voice: Float[ndarray, " T"], lag: int) -> float:
     """Correlation of the lips with the sound `lag` frames later."""
     moved = lips[max(-lag, 0) : len(lips) - max(lag, 0)]
-    heard = voice[max(lag, 0) : len(voice) - max(-lag, 0)]
-    if len(moved) < 3 or moved.std() < 1e-9 or heard.std() < 1e-9:
+    shifted_voice = voice[max(lag, 0) : len(voice) - max(-lag, 0)]
+    if len(moved) < 3 or moved.std() < 1e-9 or shifted_voice.std() < 1e-9:
         return 0.0
-    return float(np.corrcoef(moved, heard)[0, 1])
+    return float(np.corrcoef(moved, shifted_voice)[0, 1])

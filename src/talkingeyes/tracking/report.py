@@ -47,7 +47,7 @@ def write_tables(folder: Path, outcomes: Sequence[VideoResult]) -> None:
     _write_csv(folder / "failed.csv", ("video", "error"), failure)
 
 
-def summary(outcomes: Sequence[VideoResult]) -> dict[str, Any]:
+def yield_summary(outcomes: Sequence[VideoResult]) -> dict[str, Any]:
     """The yield: videos, shots and seconds, and rejections by reason (without its numbers)."""
     entries = [entry for outcome in outcomes for entry in outcome.entries]
     kept = [entry for entry in entries if not entry.reason]
@@ -89,12 +89,12 @@ def write_page(path: Path, thumbnail: dict[str, str], outcomes: Sequence[VideoRe
 
 def write_summary(path: Path, outcomes: Sequence[VideoResult]) -> None:
     """Write summary.json."""
-    path.write_text(json.dumps(summary(outcomes), indent=1) + "\n")
+    path.write_text(json.dumps(yield_summary(outcomes), indent=1) + "\n")
 
 
 def as_text(outcomes: Sequence[VideoResult]) -> str:
     """Readable yield, one line per reason."""
-    total = summary(outcomes)
+    total = yield_summary(outcomes)
     lines = [
         f"{total['videos']} videos, {total['video_s'] / 60:.1f} min; {total['clips']} clips kept, "
         f"{total['clips_s'] / 60:.1f} min ({total['yield']:.0%})"

@@ -79,7 +79,7 @@ class FaceDetector(Protocol):
         """Start a new shot with the next frame."""
 
 
-def shots(frames: Iterable[Frame], detector: FaceDetector, settings: ShotSettings) -> Iterator[Shot]:
+def detect_shots(frames: Iterable[Frame], detector: FaceDetector, settings: ShotSettings) -> Iterator[Shot]:
     """Shots in order; frames without a face are dropped between them."""
     tracked_frames: list[TrackedFrame] = []
     thumbnail = before = None

@@ -41,7 +41,7 @@ class Soundtrack:
 
 
 @contextlib.contextmanager
-def soundtrack(path: Path) -> Iterator[Soundtrack]:
+def open_soundtrack(path: Path) -> Iterator[Soundtrack]:
     """The first sound stream of a video; its temporary file is deleted with the context."""
     with tempfile.TemporaryFile() as file, open_video(path) as container:
         start_s = _decode(container, file) if container.streams.audio else 0.0

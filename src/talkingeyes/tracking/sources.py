@@ -27,7 +27,7 @@ class VideoSource:
     speaker: str
 
 
-def sources(videos: Sequence[Path], speakers: Path | None) -> list[VideoSource]:
+def find_videos(videos: Sequence[Path], speakers: Path | None) -> list[VideoSource]:
     """All videos in files and folders, by name. Raises InputError for none, duplicate names, or a bad map."""
     named = _named(videos)
     if not named:

@@ -51,7 +51,7 @@ def probe_video(path: Path) -> VideoInfo:
         )
 
 
-def frames(path: Path, max_fps: float, start_s: float = -np.inf) -> Iterator[Frame]:
+def read_frames(path: Path, max_fps: float, start_s: float = -np.inf) -> Iterator[Frame]:
     """Frames from a time on, at most `max_fps` per second, in the order of their time stamps.
 
     Frames whose time stamp does not increase, as in damaged streams, are dropped. Raises InputError if the file is not
@@ -64,12 +64,12 @@ def frames(path: Path, max_fps: float, start_s: float = -np.inf) -> Iterator[Fra
             if frame.time is None or frame.time < start_s or frame.time < last_s + 0.98 / max_fps:
                 continue
             last_s = float(frame.time)
-            yield Frame(last_s, upright(frame.to_ndarray(format="rgb24"), frame.rotation))
+            yield Frame(last_s, rotate_upright(frame.to_ndarray(format="rgb24"), frame.rotation))
     if not decoded:
         raise InputError(f"{path.name}: should hold frames that can be decoded, got none")
 
 
-def upright(image: UInt8[ndarray, "H W 3"], rotation_deg: int) -> UInt8[ndarray, "h w 3"]:
+def rotate_upright(image: UInt8[ndarray, "H W 3"], rotation_deg: int) -> UInt8[ndarray, "h w 3"]:
     """The image rotated counter-clockwise by a display rotation, in quarter turns."""
     return np.ascontiguousarray(np.rot90(image, k=round(rotation_deg / 90) % 4))
 

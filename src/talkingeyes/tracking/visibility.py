@@ -46,7 +46,7 @@ def side_distances(landmarks: Float[ndarray, "T L 2"]) -> Float[ndarray, "T 2"]:
     return np.asarray(np.einsum("tec,tc->te", outline - corners, across) * [1.0, -1.0])
 
 
-def disparity(landmarks: Float[ndarray, "T L 2"]) -> Float[ndarray, " T"]:
+def relative_difference(landmarks: Float[ndarray, "T L 2"]) -> Float[ndarray, " T"]:
     """|l - r| / (l + r)."""
     left, right = side_distances(landmarks).T
     return np.asarray(np.abs(left - right) / np.maximum(np.abs(left + right), 1e-6))
@@ -56,4 +56,4 @@ def self_occluded(landmarks: Float[ndarray, "T L 2"], settings: EyeVisibilitySet
     """The far eye of frames whose disparity is too large; none in frames without a face."""
     sides = side_distances(landmarks)
     far = sides < sides[:, ::-1]
-    return np.asarray(far & (disparity(landmarks) > settings.disparity)[:, None])
+    return np.asarray(far & (relative_difference(landmarks) > settings.disparity)[:, None])

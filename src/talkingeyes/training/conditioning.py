@@ -72,8 +72,8 @@ class ConditioningProvider:
         if "speaker" in found and mirror:
             found["speaker"] = np.asarray(found["speaker"] + len(self.speakers))  # the speaker's mirror image
         if "reference" in self.required_inputs:
-            drawn = np.random.default_rng([*clip.id.encode(), frames.start])
-            found["reference"] = self._reference(clip, length, mirror, drawn)
+            rng = np.random.default_rng([*clip.id.encode(), frames.start])
+            found["reference"] = self._reference(clip, length, mirror, rng)
         return found
 
     def clip_inputs(self, clip: Clip, frames: int) -> ConditioningInputs:
@@ -103,12 +103,12 @@ class ConditioningProvider:
             if self.reference_recordings[each].clip.sound != clip.sound
         ]
 
-    def _reference(self, clip: Clip, frames: int, mirror: bool, drawn: np.random.Generator) -> Float[ndarray, "R 9"]:
+    def _reference(self, clip: Clip, frames: int, mirror: bool, rng: np.random.Generator) -> Float[ndarray, "R 9"]:
         others = [each for each in self._others(clip) if len(self.reference_recordings[each]) >= frames]
         if not others:
             return np.full((frames, 9), np.nan, np.float32)
-        other = self.reference_recordings[int(drawn.choice(others))]
-        start = int(drawn.integers(len(other) - frames + 1))
+        other = self.reference_recordings[int(rng.choice(others))]
+        start = int(rng.integers(len(other) - frames + 1))
         head, gaze = other.head[start : start + frames], other.gaze[start : start + frames]
         return motion_array(*mirror_motion(head, gaze)) if mirror else motion_array(head, gaze)
 

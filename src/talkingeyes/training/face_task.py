@@ -82,8 +82,8 @@ class FaceTask:
             seeds = [index * VALIDATION_SAMPLES + sample for sample in range(VALIDATION_SAMPLES)]
             style = self.data.vocabulary.style_vector(self.data.vocabulary.style_of(each.clip))
             speech = torch.from_numpy(np.array(each.speech))
-            drawn = self.module.generate(speech, torch.from_numpy(style[None]), seeds, temperature).cpu().numpy()
+            generated = self.module.generate(speech, torch.from_numpy(style[None]), seeds, temperature).cpu().numpy()
             true = (self.data.basis.to_vector(each.expression, each.jaw) - mean) / scale
-            scores.append(energy_score((drawn - mean) / scale, true))
-            ratios.append(speed_ratio((drawn - mean) / scale, true))
+            scores.append(energy_score((generated - mean) / scale, true))
+            ratios.append(speed_ratio((generated - mean) / scale, true))
         return {"validation_score": -float(np.mean(scores)), "free_running/face_speed_ratio": float(np.mean(ratios))}

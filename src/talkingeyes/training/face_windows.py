@@ -15,7 +15,7 @@ from talkingeyes.corpus.faces import FaceRecording
 from talkingeyes.models.face.basis import JAW_DIM, FaceBasis
 from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.speech_to_face import FaceBatch
-from talkingeyes.training.windows import Window, WindowSampler, WindowSettings, statistics
+from talkingeyes.training.windows import Window, WindowSampler, WindowSettings, motion_statistics
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class FaceStatistics:
         """Statistics over all frames."""
         expression = np.concatenate([each.expression for each in recordings])
         jaw = np.concatenate([each.jaw for each in recordings])
-        parts = [statistics(expression), statistics(jaw)]
+        parts = [motion_statistics(expression), motion_statistics(jaw)]
         face = np.concatenate([expression, jaw], axis=1)
         scale = np.repeat([part.scale for part in parts], [expression.shape[1], JAW_DIM])
         arrays = (np.concatenate([part.mean for part in parts]), scale, face.min(0), face.max(0))

@@ -20,7 +20,7 @@ from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.layers import distributed
 from talkingeyes.models.layers.quantiser import perplexity
 from talkingeyes.training.loop import LoopSettings
-from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, statistics
+from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, motion_statistics
 
 
 class GazeTokenizerSettings(Settings):
@@ -63,7 +63,7 @@ class GazeTokenizerTask:
         self.windows = MotionWindowDataset(train, settings.windows, settings.seed)
         self.rng = self.windows.rng
         frames = np.concatenate([to_signal(settings.network.signal, each.head, each.gaze) for each in train])
-        measured = statistics(frames)
+        measured = motion_statistics(frames)
         self.module.normalise_by(torch.from_numpy(measured.mean), measured.scale)
 
     def losses(self, step: int) -> dict[str, Tensor]:

@@ -22,7 +22,7 @@ from talkingeyes.training.conditioning import ConditioningPaths, ConditioningPro
 from talkingeyes.training.free_running import FreeRunningStatistics, free_running_statistics
 from talkingeyes.training.initialisation import init_from
 from talkingeyes.training.loop import LoopSettings
-from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, statistics
+from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, motion_statistics
 
 EQUALISER_CLIPS = 256  # maximum number of training clips for the fit of the equaliser
 
@@ -97,9 +97,9 @@ class MotionTask:
 
     def validate(self) -> dict[str, float]:
         """Free running on the validation clips; the score is the negative distance to the statistics of the truth."""
-        alive = self._free_running_statistics(float(self.module.temperature))
-        figures = {f"free_running/{name}": value for name, value in asdict(alive).items()}
-        return {"validation_score": -alive.distance(self.truth), **figures}
+        free_running = self._free_running_statistics(float(self.module.temperature))
+        figures = {f"free_running/{name}": value for name, value in asdict(free_running).items()}
+        return {"validation_score": -free_running.distance(self.truth), **figures}
 
     def truth_metrics(self) -> dict[str, float]:
         """The same statistics of the true validation clips."""
@@ -114,13 +114,13 @@ class MotionTask:
         recordings = self.windows.recordings
         some = recordings[:: math.ceil(len(recordings) / EQUALISER_CLIPS)]
         equaliser.reset()
-        drawn = [
+        sampled_heads = [
             self.module.generate_head(torch.from_numpy(np.array(each.speech)), [index], self._conditioning(each))[
                 0
             ].numpy()
             for index, each in enumerate(some)
         ]
-        equaliser.match([each.head for each in some], drawn)
+        equaliser.fit([each.head for each in some], sampled_heads)
 
     def choose_temperature(self) -> dict[str, float]:
         """Set the temperature whose free-running statistics on val are nearest to those of the truth."""
@@ -149,7 +149,7 @@ class MotionTask:
         )
 
     def _normalise(self, train: Sequence[Recording]) -> None:
-        head = statistics(np.concatenate([each.head for each in train]))
+        head = motion_statistics(np.concatenate([each.head for each in train]))
         self.module.head.normal.set(torch.from_numpy(head.mean), head.scale)
-        gaze = statistics(np.concatenate([each.gaze.reshape(-1, 6) for each in train]))
+        gaze = motion_statistics(np.concatenate([each.gaze.reshape(-1, 6) for each in train]))
         self.module.gaze.normalise_by(torch.from_numpy(gaze.mean), gaze.scale)

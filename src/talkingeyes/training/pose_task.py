@@ -126,10 +126,10 @@ class PoseTask:
             self.module.sample(each.speech, [index], self.module.style_of(each.clip.speaker))[0]
             for index, each in enumerate(self.validation_recordings)
         ]
-        alive = movement_ratios(generated, [each.pose for each in self.validation_recordings])
+        ratios = movement_ratios(generated, [each.pose for each in self.validation_recordings])
         return {
-            "validation_score": -alive.distance(),
-            **{f"free_running/{name}": value for name, value in asdict(alive).items()},
+            "validation_score": -ratios.distance(),
+            **{f"free_running/{name}": value for name, value in asdict(ratios).items()},
         }
 
     def _draw(self) -> PoseBatch:

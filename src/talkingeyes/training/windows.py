@@ -40,7 +40,7 @@ class MotionStatistics:
     scale: float
 
 
-def statistics(frames: Float[ndarray, "N F"]) -> MotionStatistics:
+def motion_statistics(frames: Float[ndarray, "N F"]) -> MotionStatistics:
     """Mean per dimension, and the root mean square of the standard deviations of the dimensions that vary."""
     mean = frames.mean(0)
     deviation = (frames - mean).std(0)

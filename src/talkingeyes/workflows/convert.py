@@ -106,7 +106,7 @@ def export(
     if named == "mp4":
         return _film(shown, output_path, head, model, sound)
     try:
-        write(shown, events, named, output_path, head, model)
+        write_motion(shown, events, named, output_path, head, model)
     except OSError as error:
         raise InputError(f"{out}: should be a file that can be written, got: {error.strerror or error}") from None
     return shown
@@ -129,7 +129,7 @@ def _motion_and_events(motion: Path | str | Motion | Animation) -> tuple[Motion,
     return motion.motion, motion.events
 
 
-def write(
+def write_motion(
     motion: Motion, events: Events | None, format: str, path: Path, head: str = "anny", model: Path | str | None = None
 ) -> None:
     """Write a motion in a format other than mp4. `events` become its keys, if they are known."""
@@ -162,7 +162,7 @@ def check_formats(formats: Sequence[str]) -> None:
             raise InputError(f"format: should be one of {', '.join(ANIMATE_FORMATS)}, got {format!r}")
 
 
-def beside(stem: Path, format: str) -> Path:
+def sibling_name(stem: Path, format: str) -> Path:
     """Name of a file of a format beside the motion: sample_00.flame.npz, sample_00.keys.json, sample_00.glb."""
     suffix = FORMATS[format].suffix
     alone = [name for name in FORMATS if FORMATS[name].suffix == suffix] == [format] and format != "vocaset"

@@ -222,13 +222,13 @@ def match_files(
         if name in sound_of:
             of_sound.setdefault(sound_of[name], []).extend(paths)
             continue
-        heard = (
+        observation = (
             None
             if sound is None
             else next((sound / (name + end) for end in SOUNDS if (sound / (name + end)).is_file()), None)
         )
-        silent += sound is not None and heard is None
-        unmatched.append(EvaluatedSound(name, tuple(paths), sound=heard))
+        silent += sound is not None and observation is None
+        unmatched.append(EvaluatedSound(name, tuple(paths), sound=observation))
     matched = [
         EvaluatedSound(name, tuple(paths), tuple(takes[name]), _others(name, list(said_by[takes[name][0].speaker])))
         for name, paths in sorted(of_sound.items())
@@ -326,7 +326,7 @@ def _heard(sound: Path | None) -> Annotation | None:
     return detect_speech(read_speech(sound))
 
 
-def describe(found: BenchmarkResult) -> str:
+def benchmark_text(found: BenchmarkResult) -> str:
     """The table as text for a terminal, with notes."""
     whose = "the truth under the same sounds" if found.paired else "the truth under other sounds"
     head = f"{found.sounds} sounds at {found.fps:g} fps, compared with {whose}; ! marks significant differences"

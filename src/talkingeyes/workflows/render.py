@@ -77,14 +77,14 @@ def film(
     from talkingeyes.rendering.render import HeadRenderer
     from talkingeyes.rendering.video import write_video
 
-    heard = None if sound is None else read_speech(sound)
+    audio = None if sound is None else read_speech(sound)
     target_head = load_head(head, model)
     played = retarget_to_head(motion, target_head, model)
     framing = parse_camera(camera)
     view = framing.centred_on(target_head.eye_centres).view(size, size)
     pictures = iter(progress_bar(HeadRenderer(target_head, view).draw(played), target.name, len(played)))
     try:
-        write_video(target, pictures, played.fps, heard)
+        write_video(target, pictures, played.fps, audio)
     except OSError as error:
         raise InputError(f"{target}: should be a file that can be written, got: {error.strerror or error}") from None
     return played

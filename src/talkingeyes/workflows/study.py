@@ -55,7 +55,7 @@ class StudySummary:
     failed: int
 
 
-def make(
+def make_study(
     design: str,
     out: Path | str,
     *,
@@ -96,7 +96,7 @@ def make(
     return Study.load(output_path)
 
 
-def run(folder: Path | str, *, host: str = LOCALHOST, port: int = PORT, on_start: Callable[[str], None]) -> None:
+def run_study(folder: Path | str, *, host: str = LOCALHOST, port: int = PORT, on_start: Callable[[str], None]) -> None:
     """Serve a study until interrupted; answers are stored, and participants can resume."""
     from talkingeyes.apps.study.server import study_app
 
@@ -105,7 +105,7 @@ def run(folder: Path | str, *, host: str = LOCALHOST, port: int = PORT, on_start
     serve(study_app(study, host), host, port, on_start)
 
 
-def results(folder: Path | str) -> StudySummary:
+def study_results(folder: Path | str) -> StudySummary:
     """The results of a study; also writes results.json and results.md beside its answers."""
     study = Study.load(Path(folder))
     everybody = study.answers.participants()

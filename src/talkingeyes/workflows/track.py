@@ -29,7 +29,7 @@ from talkingeyes.core.output_folder import output_path
 from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.splits import split_sounds
-from talkingeyes.corpus.statistics import corpus_statistics, table
+from talkingeyes.corpus.statistics import corpus_statistics, statistics_table
 from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
 from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.head.observation import Observation
@@ -37,15 +37,15 @@ from talkingeyes.orchestration.run import parallel_backend, parallel_map
 from talkingeyes.tracking import journal
 from talkingeyes.tracking.clip_filter import fingerprint, hamming_distance, measure_shot, rejection_reason
 from talkingeyes.tracking.cropping import crop_shot
-from talkingeyes.tracking.estimate import estimate
+from talkingeyes.tracking.estimate import estimate_tracking
 from talkingeyes.tracking.face_mesh import FaceDetectionSettings, FaceMesh
 from talkingeyes.tracking.journal import ShotRecord, TrackingJournal
 from talkingeyes.tracking.report import DUPLICATE_OF, VideoResult, as_text, write_page, write_summary, write_tables
 from talkingeyes.tracking.settings import TrackSettings
-from talkingeyes.tracking.shots import Shot, shots
-from talkingeyes.tracking.soundtrack import Soundtrack, soundtrack
-from talkingeyes.tracking.sources import VideoSource, sources
-from talkingeyes.tracking.video import Frame, frames
+from talkingeyes.tracking.shots import Shot, detect_shots
+from talkingeyes.tracking.soundtrack import Soundtrack, open_soundtrack
+from talkingeyes.tracking.sources import VideoSource, find_videos
+from talkingeyes.tracking.video import Frame, read_frames
 from talkingeyes.workflows.track_overlay import ClipLocation
 from talkingeyes.workflows.track_overlay import overlay as film
 
@@ -84,7 +84,7 @@ def track_command(
     params = compose(overrides)
     settings = validate_section("track", TrackSettings, params["track"])
     if dry_run:
-        yield estimate(sources(videos, speakers), settings).text(jobs)
+        yield estimate_tracking(find_videos(videos, speakers), settings).text(jobs)
         return
     root = output_path(out, OWN_FILES, force=True)
     if force:
@@ -94,7 +94,7 @@ def track_command(
         yield as_text(tracked.outcomes)
         if overlay:
             fit = validate_section("fit", FitSettings, params["fit"])
-            yield from map(str, parallel_map(partial(film, root, fit), places(tracked), jobs, "overlay"))
+            yield from map(str, parallel_map(partial(film, root, fit), clip_locations(tracked), jobs, "overlay"))
 
 
 def track(
@@ -104,7 +104,7 @@ def track(
 
     Raises InputError (one line) for a folder with other content or other settings, and if no clip was kept.
     """
-    found = sources(videos, speakers)
+    found = find_videos(videos, speakers)
     root = output_path(out, OWN_FILES, force=True)
     _same_settings(root, settings)
     (root / "clips.parquet").unlink(missing_ok=True)
@@ -122,12 +122,12 @@ def track(
         names = [entry.id for outcome in outcomes for entry in outcome.entries]
         where = {name: shard_path(Path("thumbnails"), name, ".jpg").as_posix() for name in names}
         write_page(root / "thumbnails.html", where, outcomes)
-    clips = index(outcomes, settings)
+    clips = index_rows(outcomes, settings)
     if not clips:
         raise InputError(
             f"{out}: should contain clips, got none kept of {len(found)} videos; see {out}/rejected.csv and failed.csv"
         )
-    (root / "table1.md").write_text(table(root.name, corpus_statistics(clips), "tracked from video"))
+    (root / "table1.md").write_text(statistics_table(root.name, corpus_statistics(clips), "tracked from video"))
     corpus = Corpus(root)
     corpus.write_index(clips)
     return TrackingResult(corpus, outcomes)
@@ -149,9 +149,9 @@ def track_video(root: Path, settings: TrackSettings, source: VideoSource) -> Tra
     journal.add(path, "begin", True)
     clock = _LastFrameTime()
     try:
-        with soundtrack(source.path) as sound:
-            seen = shots(
-                clock.watch(frames(source.path, settings.max_fps, video_journal.resume_s)),
+        with open_soundtrack(source.path) as sound:
+            seen = detect_shots(
+                clock.watch(read_frames(source.path, settings.max_fps, video_journal.resume_s)),
                 get_face_mesh(settings.face),
                 settings.shot,
             )
@@ -165,7 +165,7 @@ def track_video(root: Path, settings: TrackSettings, source: VideoSource) -> Tra
     return journal.read(path)
 
 
-def places(tracked: TrackingResult) -> list[tuple[Clip, ClipLocation]]:
+def clip_locations(tracked: TrackingResult) -> list[tuple[Clip, ClipLocation]]:
     """Location of each clip of a corpus in the videos."""
     where = {
         entry.id: ClipLocation(outcome.source.path, entry.start_s, entry.crop)
@@ -179,12 +179,12 @@ def write_shot(root: Path, settings: TrackSettings, name: str, shot: Shot, sound
     """Assess a shot; write its observation, sound and annotation if it is kept, and its thumbnail in any case."""
     frame = crop_shot(shot, settings.fps, settings.crop, settings.eyes)
     seen = frame.observation
-    heard = sound.cut(shot.start_s, round(len(seen.landmarks) * SAMPLE_RATE / settings.fps))
-    quality = measure_shot(shot, seen, heard, settings.eyes)
+    clip_sound = sound.cut(shot.start_s, round(len(seen.landmarks) * SAMPLE_RATE / settings.fps))
+    quality = measure_shot(shot, seen, clip_sound, settings.eyes)
     reason = rejection_reason(quality, settings.clip_filter)
     if not reason:
         corpus = Corpus(root)
-        corpus.write_sound(name, heard, detect_speech(heard) if quality.speaking else Annotation())
+        corpus.write_sound(name, clip_sound, detect_speech(clip_sound) if quality.speaking else Annotation())
         corpus.write_clip(name, seen, None, None)
     if settings.thumbnails:
         import cv2
@@ -200,7 +200,7 @@ def write_shot(root: Path, settings: TrackSettings, name: str, shot: Shot, sound
         reason=reason,
         crop=frame.crop,
         fingerprint=fingerprint(seen.landmarks),
-        content_hash=_content_hash(heard, seen),
+        content_hash=_content_hash(clip_sound, seen),
         quality=quality,
     )
 
@@ -236,7 +236,7 @@ def mark_duplicates(outcomes: list[VideoResult], settings: TrackSettings) -> lis
     return judged
 
 
-def index(outcomes: Sequence[VideoResult], settings: TrackSettings) -> list[Clip]:
+def index_rows(outcomes: Sequence[VideoResult], settings: TrackSettings) -> list[Clip]:
     """Rows of the index; all clips of a video are in the same split."""
     kept = [(outcome.source, entry) for outcome in outcomes for entry in outcome.entries if not entry.reason]
     speaker_of = {entry.id: source.speaker for source, entry in kept}

@@ -20,7 +20,7 @@ from talkingeyes.corpus.store import Corpus
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.head.observation import Observation
 from talkingeyes.tracking.cropping import Crop
-from talkingeyes.tracking.video import frames
+from talkingeyes.tracking.video import read_frames
 
 MAGNIFICATION = 2  # scale of the film relative to the crop
 MAX_FPS = 240.0
@@ -69,7 +69,7 @@ def draw_landmarks(location: ClipLocation, seen: Observation) -> Iterator[UInt8[
     side = seen.camera.width * MAGNIFICATION
     scale = 1.0 / (location.crop.zoom * MAGNIFICATION)
     onto = np.array([[scale, 0, location.crop.x], [0, scale, location.crop.y]])
-    shown = frames(location.video, MAX_FPS, location.start_s - 1e-3)
+    shown = read_frames(location.video, MAX_FPS, location.start_s - 1e-3)
     now = following = next(shown)
     for index in range(len(seen.landmarks)):
         time_s = location.start_s + index / seen.fps

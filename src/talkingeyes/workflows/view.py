@@ -127,12 +127,12 @@ def build_scene(
     frames = sum(len(viewer_motion.motion) for viewer_motion in viewer_motions)
     if frames > MAX_FRAMES:
         raise InputError(f"motions: should have at most {MAX_FRAMES} frames together, got {frames}")
-    heard = known.sound if sound is None else read_speech(sound)
+    audio = known.sound if sound is None else read_speech(sound)
     beside = files[0].with_suffix(".mp4")
-    if heard is None and beside.is_file():
-        heard = read_speech(beside)
+    if audio is None and beside.is_file():
+        audio = read_speech(beside)
     said = known.words if words is None else Annotation.load(Path(words)).words
-    return Scene(", ".join(file.stem for file in files), viewer_motions, heard, said)
+    return Scene(", ".join(file.stem for file in files), viewer_motions, audio, said)
 
 
 def _of_clip(corpus: Corpus, name: str) -> ClipContext:

@@ -146,7 +146,7 @@ def _saccade_to(
         done = np.ones((len(times), 1))
     else:
         jump = main_sequence_saccade(segment.start_s, start, landing - start)
-        done = saccades.progress((times - jump.onset_s) / jump.duration_s, jump.skew)[:, None]
+        done = saccades.completed_fraction((times - jump.onset_s) / jump.duration_s, jump.skew)[:, None]
         gaze.saccades.append(jump)
     gaze.cyclopean_rad[segment.part] = start + done * (goal_rad - start)
     gaze.half_vergence_rad[segment.part] = (

@@ -124,7 +124,7 @@ METRICS = (
         min_count=30,
         direction="lower",
         rate_dependent=True,
-        source="FACTS 9",
+        source="Kantorovich 1942",
         caveat="as above",
     ),
     _blink(

@@ -118,9 +118,9 @@ class Accumulator:
 
 def bootstrap_weights(count: int, settings: BootstrapSettings) -> Float[ndarray, "D G"]:
     """How often each of `count` groups occurs in each resample; the resamples are those of `bootstrap`."""
-    drawn = resample_indices(count, settings)
-    offset = drawn + count * np.arange(len(drawn))[:, None]
-    return np.bincount(offset.ravel(), minlength=drawn.size).reshape(drawn.shape).astype(float)
+    resampled = resample_indices(count, settings)
+    offset = resampled + count * np.arange(len(resampled))[:, None]
+    return np.bincount(offset.ravel(), minlength=resampled.size).reshape(resampled.shape).astype(float)
 
 
 @dataclass(frozen=True)
@@ -164,11 +164,11 @@ class Comparison:
         self.same_rate = evaluated.fps == reference.fps
 
     @cached_property
-    def _drawn(self) -> Totals:
+    def _resampled(self) -> Totals:
         return self.evaluated.totals(bootstrap_weights(len(self.evaluated.groups), self.settings))
 
     @cached_property
-    def _reference_drawn(self) -> Totals:
+    def _reference_resampled(self) -> Totals:
         settings = self.settings if self.paired else self.settings.model_copy(update={"seed": self.settings.seed + 1})
         return self.reference.totals(bootstrap_weights(len(self.reference.groups), settings))
 
@@ -247,7 +247,7 @@ class Comparison:
     def _against(self, metric: Metric, count: int) -> MetricResult:
         assert metric.compare is not None
         ours, theirs = self._all
-        value = _estimate(metric.compare(ours, theirs), metric.compare(self._drawn, theirs), self.settings)
+        value = _estimate(metric.compare(ours, theirs), metric.compare(self._resampled, theirs), self.settings)
         between = metric.compare(*self._halves)
         floor = None
         if np.isfinite(between).any():
@@ -257,17 +257,17 @@ class Comparison:
     def _figure(self, metric: Metric, count: int) -> MetricResult:
         assert metric.compute is not None
         ours, theirs = self._all
-        drawn = metric.compute(self._drawn)
-        value = _estimate(metric.compute(ours), drawn, self.settings)
+        resampled = metric.compute(self._resampled)
+        value = _estimate(metric.compute(ours), resampled, self.settings)
         lacking = _lacking(metric, theirs, "the reference") or (
             self._rates if metric.rate_dependent and not self.same_rate else ""
         )
         if value is None or lacking:
             return MetricResult(metric, count, value, None, None, lacking or "undefined")
-        reference_drawn = metric.compute(self._reference_drawn)
+        reference_resampled = metric.compute(self._reference_resampled)
         own = metric.compute(theirs)
-        reference = _estimate(own, reference_drawn, self.settings)
-        difference = _estimate(metric.compute(ours) - own, drawn - reference_drawn, self.settings)
+        reference = _estimate(own, reference_resampled, self.settings)
+        difference = _estimate(metric.compute(ours) - own, resampled - reference_resampled, self.settings)
         return MetricResult(
             metric, count, value, reference, difference, "" if reference else "the reference has no value"
         )
@@ -282,7 +282,9 @@ def _lacking(metric: Metric, totals: Totals, whose: str) -> str:
     return "" if count >= metric.min_count else f"needs {metric.min_count} {metric.count_unit}: {whose} have {count}"
 
 
-def _estimate(value: Float[ndarray, " 1"], drawn: Float[ndarray, " D"], settings: BootstrapSettings) -> Estimate | None:
-    if not np.isfinite(value[0]) or not np.isfinite(drawn).any():
+def _estimate(
+    value: Float[ndarray, " 1"], resampled: Float[ndarray, " D"], settings: BootstrapSettings
+) -> Estimate | None:
+    if not np.isfinite(value[0]) or not np.isfinite(resampled).any():
         return None
-    return Estimate(float(value[0]), *percentile_interval(drawn, settings))
+    return Estimate(float(value[0]), *percentile_interval(resampled, settings))

@@ -145,7 +145,7 @@ def _of_part(part: str) -> tuple[Metric, ...]:
             extractor=OBSERVER,
             count_key="corr.shuffled_motions",
             min_count=MIN_SOUNDS,
-            source="FACTS 9 (same-speaker negatives)",
+            source="mismatched audio: Nagy et al. 2025",
             caveat="a few hundredths even for the truth: needs many sounds",
         ),
     )

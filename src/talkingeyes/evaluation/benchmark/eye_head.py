@@ -1,8 +1,8 @@
 """Metrics of the coordination of both eyes and of eyes and head.
 
 During fixations the eyes rotate against the head (vestibulo-ocular reflex): the slope of eye velocity on head velocity
-is near -1. Its sign reveals a flipped axis, which norms do not (FACTS, sections 2 and 9). In a gaze shift the head
-follows later and covers a part of the shift (Guitton & Volle 1987; Stahl 1999).
+is near -1. Its sign reveals a flipped axis, which norms do not. In a gaze shift the head follows later and covers a
+part of the shift (Guitton & Volle 1987; Stahl 1999).
 """
 
 from __future__ import annotations
@@ -189,7 +189,7 @@ METRICS = (
         "deg",
         "root mean square of eye-in-head yaw about the mean of the clip",
         compute=partial(_root, total="pair.yaw_2"),
-        source="FACTS, acceptance table",
+        source="customary range: Stahl 1999",
         caveat="increases with the length of the clips",
     ),
     _pair(
@@ -198,7 +198,7 @@ METRICS = (
         "deg",
         "root mean square of eye-in-head pitch about the mean of the clip",
         compute=partial(_root, total="pair.pitch_2"),
-        source="FACTS, acceptance table",
+        source="customary range: Stahl 1999",
         caveat="increases with the length of the clips",
     ),
     _pair(
@@ -207,7 +207,7 @@ METRICS = (
         "",
         "third moment of eye-in-head pitch about the mean of the clip / SD^3",
         compute=_skewness,
-        source="FACTS 9 (norms do not detect a sign error)",
+        source="norms do not detect a sign error",
         caveat="determined by few long aversions",
     ),
     _pair(
@@ -247,7 +247,7 @@ METRICS = (
         "deg/deg",
         "slope of eye-in-head on head yaw velocity between saccades; -1: gaze is still in space",
         compute=ratio("counter.yaw", "counter.yaw_head"),
-        source="vestibulo-ocular reflex; FACTS 2",
+        source="vestibulo-ocular reflex",
         caveat="noise in head pose brings it closer to 0; positive: an axis is flipped",
     ),
     _counter(
@@ -256,7 +256,7 @@ METRICS = (
         "deg/deg",
         "slope of eye-in-head on head pitch velocity between saccades",
         compute=ratio("counter.pitch", "counter.pitch_head"),
-        source="vestibulo-ocular reflex; FACTS 2",
+        source="vestibulo-ocular reflex",
         caveat="as above",
     ),
     _counter(
@@ -265,7 +265,7 @@ METRICS = (
         "correlation",
         "correlation of eye-in-head and head yaw velocity between saccades",
         compute=partial(_coupling, axis="yaw"),
-        source="FACTS 9",
+        source="vestibulo-ocular reflex",
         caveat="noise in either brings it closer to 0",
     ),
     _follow(

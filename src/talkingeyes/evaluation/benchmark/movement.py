@@ -168,7 +168,7 @@ def _speed_metrics(part: str, extractor: Extractor) -> tuple[Metric, ...]:
             "deg/s",
             "99th percentile of speed (bins of a tenth of an octave)",
             compute=partial(_quantile, part=part),
-            source="FACTS 10",
+            source="sampling: Mack et al. 2017",
             caveat="limited by the frame rate: frames show a part of a saccade's peak speed",
         ),
         metric(
@@ -178,7 +178,7 @@ def _speed_metrics(part: str, extractor: Extractor) -> tuple[Metric, ...]:
             "area between the distribution functions of log2 speed / SD of the reference's",
             compare=lambda totals, other: LOG2_SPEED_BINS.distance(totals[f"{part}.speed"], other[f"{part}.speed"]),
             direction="lower",
-            source="FACTS 9",
+            source="Kantorovich 1942",
             caveat="slow frames weigh as much as fast ones, so invisible noise counts",
         ),
     )
@@ -192,7 +192,7 @@ def _spectrum_metrics(part: str, extractor: Extractor) -> tuple[Metric, ...]:
         count_key=f"{part}.segments",
         min_count=40,
         rate_dependent=True,
-        source="Welch 1967; FACTS 9, 10",
+        source="Welch 1967",
     )
     return (
         metric(
@@ -223,9 +223,7 @@ def _spectrum_metrics(part: str, extractor: Extractor) -> tuple[Metric, ...]:
     )
 
 
-_head = partial(
-    Metric, extractor=HEAD, count_key="head.valid", min_count=1500, source="Hadar et al. 1983; FACTS, acceptance table"
-)
+_head = partial(Metric, extractor=HEAD, count_key="head.valid", min_count=1500, source="Hadar et al. 1983")
 
 METRICS = (
     Metric(
@@ -238,7 +236,7 @@ METRICS = (
         count_key="gaze_in_space.frames",
         min_count=1500,
         rate_dependent=True,
-        source="vestibulo-ocular reflex; LEARNING",
+        source="vestibulo-ocular reflex",
         caveat="1 for a frozen face, 0 with jitter of 0.1 deg",
     ),
     *_speed_metrics("gaze_in_space", SPACE),
@@ -253,7 +251,7 @@ METRICS = (
         count_key="eye.frames",
         min_count=1500,
         rate_dependent=True,
-        source="LEARNING",
+        source="vestibulo-ocular reflex",
         caveat="the eyes counter-rotate when the head moves: closer to 1 is not better",
     ),
     *_speed_metrics("eye", EYE),

@@ -54,8 +54,7 @@ detects and misses; [detectors.md](detectors.md) shows the accuracy of the detec
 
 Gaze in space is R(head) R(eye), the mean direction of both eyes. Saccades are detected in it, by a method that depends
 on the frame rate. The partner is the densest location of gaze, with a radius of 4 degrees. "Better" is `closer to
-truth`, `lower` or `higher`. Below the minimum count no value is given. SD is the standard deviation. FACTS and LEARNING
-are research notes of this project that are not part of the repository; the number is the section.
+truth`, `lower` or `higher`. Below the minimum count no value is given. SD is the standard deviation.
 """
 FAMILIES = {
     "saccades": "Saccades",

@@ -1,8 +1,8 @@
 """Metrics of saccades of gaze in space (rate, amplitude, direction, main sequence, duration) and of fixations.
 
 Peak speeds are compared with the main sequence as sampled at the frame rate of the motion: at 25 frames per second a
-saccade of five degrees shows less than half its true peak speed (FACTS, sections 0g, 10), so the truth would not follow
-the continuous main sequence. Sources: Bahill, Clark & Stark 1975; Lee, Badler & Badler 2002; Salvucci & Goldberg 2000.
+saccade of five degrees shows less than half its true peak speed (Mack et al. 2017), so the truth would not follow the
+continuous main sequence. Sources: Bahill, Clark & Stark 1975; Lee, Badler & Badler 2002; Salvucci & Goldberg 2000.
 Directions: sector 0 is the subject's left, 2 up, 4 right, 6 down.
 """
 
@@ -44,7 +44,7 @@ def sampled_log_peak_speed(fps: float) -> Float[ndarray, " A"]:
         np.arange(frames)[None, None] - 1 + (np.arange(SAMPLING_PHASES)[None, :, None] + 0.5) / SAMPLING_PHASES
     ) / fps
     phase, skewness = np.broadcast_arrays(times_s / duration, main_sequence_model.skew(amplitude))
-    done = main_sequence_model.progress(phase, skewness)
+    done = main_sequence_model.completed_fraction(phase, skewness)
     peak = np.degrees(amplitude[..., 0]) * np.diff(done, axis=2).max(axis=2) * fps
     return np.asarray(np.log(peak).mean(axis=1))
 
@@ -217,7 +217,7 @@ METRICS = (
         compare=lambda totals, other: AMPLITUDE_DEG.distance(totals["saccade.amplitude"], other["saccade.amplitude"]),
         min_count=100,
         direction="lower",
-        source="Kantorovich 1942; FACTS 9",
+        source="Kantorovich 1942",
         caveat="never 0 in a finite sample: compare with the distance between halves of the reference",
     ),
     _measure(
@@ -277,7 +277,7 @@ METRICS = (
         "log",
         "SD of log (peak speed / sampled main sequence)",
         compute=_log_spread,
-        source="FACTS 10",
+        source="sampling: Mack et al. 2017",
         caveat="sampling alone causes a spread of 0.2 to 0.3 at 25 frames per second",
     ),
     _measure(
@@ -308,7 +308,7 @@ METRICS = (
         "area between the distribution functions of the time between onsets / SD of the reference's",
         compare=lambda totals, other: INTERVAL_S.distance(totals["saccade.interval"], other["saccade.interval"]),
         direction="lower",
-        source="FACTS 9",
+        source="Kantorovich 1942",
         caveat="truncation of intervals depends on the length of the clips",
     ),
     _interval(

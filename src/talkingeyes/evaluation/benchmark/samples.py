@@ -98,7 +98,7 @@ def _of_part(part: str) -> tuple[Metric, ...]:
             "rad",
             "smallest mean distance of a sample to the true motion, averaged over sounds (minADE)",
             compute=ratio(f"{part}.nearest", f"{part}.judged_sounds"),
-            source="coverage error: FACTS 9",
+            source="coverage error (minADE)",
             caveat=("lower with more samples and with less movement: with S = 10 the mean pose is hard to beat"),
         ),
     )

@@ -2,8 +2,8 @@
 
 Below 60 fps a saccade spans one or two steps between frames. The displacement rule is I-VT on steps of at least 25
 degrees per second (1 degree per frame at 25 fps); neighbouring steps are joined and the amplitude is their sum
-(Salvucci & Goldberg 2000; FACTS, section 9). From 60 to 200 fps it is I-VT at 30 degrees per second, on single steps or
-over 25 ms where noise hides the threshold. From 200 fps it is Engbert & Kliegl (2003): velocities over five samples,
+(Salvucci & Goldberg 2000). From 60 to 200 fps it is I-VT at 30 degrees per second, on single steps or over 25 ms where
+noise hides the threshold. From 200 fps it is Engbert & Kliegl (2003): velocities over five samples,
 
     v_n = (x_{n+2} + x_{n+1} - x_{n-1} - x_{n-2}) / (6 dt),   sigma^2 = median(v^2) - median(v)^2,
 

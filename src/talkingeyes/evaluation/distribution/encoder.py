@@ -1,8 +1,8 @@
 """Features of windows of motion from a frozen network, for Frechet distance, MMD, precision and coverage.
 
 The encoder is trained on fitted motion of the train split only, never on the output of a model, and is the same for all
-rows of a table: a network trained on a generator rewards that generator's faults (FACTS.md, section 9). The stage
-`critic` trains it and chooses the checkpoint on held-out speakers. Reads and writes data/critic/encoder.
+rows of a table: a network trained on a generator rewards that generator's faults. The stage `critic` trains it and
+chooses the checkpoint on held-out speakers. Reads and writes data/critic/encoder.
 """
 
 from __future__ import annotations

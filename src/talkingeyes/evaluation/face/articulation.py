@@ -45,8 +45,8 @@ def articulation(
     count, frames, _ = samples.jaw.shape
     envelope = 10 ** (energy_dbfs(sound, np.arange(frames) / samples.fps, WINDOW_S, FLOOR_DBFS) / 20)
     gaps = [surface.lip_gap_mm(samples, sample) for sample in range(count)]
-    least = np.concatenate([extremes(gap, annotation, BILABIALS, samples.fps, np.min) for gap in gaps])
-    most = np.concatenate([extremes(gap, annotation, OPEN_VOWELS, samples.fps, np.max) for gap in gaps])
+    least = np.concatenate([extreme_gaps(gap, annotation, BILABIALS, samples.fps, np.min) for gap in gaps])
+    most = np.concatenate([extreme_gaps(gap, annotation, OPEN_VOWELS, samples.fps, np.max) for gap in gaps])
     return ArticulationMetrics(
         bilabials_closed=_mean(least <= MAX_CLOSED_GAP_MM),
         bilabial_gap=_mean(least),
@@ -55,7 +55,7 @@ def articulation(
     )
 
 
-def extremes(
+def extreme_gaps(
     gap_mm: Float[ndarray, " T"],
     annotation: Annotation,
     kinds: tuple[str, ...],

@@ -40,7 +40,7 @@ class EmotionClassifier:
     offsets: Float[ndarray, " K"]
 
     @classmethod
-    def learn(cls, feature_rows: Float[ndarray, "N F"], emotions: Sequence[str]) -> EmotionClassifier:
+    def fit(cls, feature_rows: Float[ndarray, "N F"], emotions: Sequence[str]) -> EmotionClassifier:
         """Fit the classifier to clips and their emotions; at least two emotions must occur."""
         names = tuple(sorted(set(emotions)))
         index = np.array([names.index(each) for each in emotions])

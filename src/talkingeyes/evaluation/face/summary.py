@@ -109,6 +109,6 @@ def _statistics(sounds: Sequence[FaceMetrics]) -> dict[str, ClipStatistic]:
     known = [each for each in sounds if not np.isnan(each.accuracy)]
     accuracy, emotions = np.array([each.accuracy for each in known]), np.array([each.emotion for each in known])
     found["emotion_accuracy"] = ClipStatistic(
-        lambda drawn: balanced_accuracy(accuracy[drawn], emotions[drawn]), len(known)
+        lambda resampled: balanced_accuracy(accuracy[resampled], emotions[resampled]), len(known)
     )
     return {name: each for name, each in found.items() if each.count}

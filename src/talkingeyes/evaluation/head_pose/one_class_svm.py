@@ -88,6 +88,6 @@ def acceptance_rates(
         for other in range(len(speakers)):
             sources = np.flatnonzero(test.speaker == other)
             if len(sources):
-                drawn = [accepted(test.pose[rng.choice(sources, len(tested))]) for _ in range(repeats)]
-                others[index, other] = np.mean(drawn)
+                rates = [accepted(test.pose[rng.choice(sources, len(tested))]) for _ in range(repeats)]
+                others[index, other] = np.mean(rates)
     return AcceptanceRates(own, others)

@@ -1,8 +1,7 @@
 """Corr. (section V-B.3): the cosine of the critic's features of sound and motion over windows of 8 s; the critic's AUC.
 
 Higher is not better: a conditional mean is more predictable than true motion, and a constant can score above a random
-sample. Corr. is therefore read as a difference from the Corr. of the truth, next to shuffled truth and a constant
-(LEARNING.md, point 9).
+sample. Corr. is therefore read as a difference from the Corr. of the truth, next to shuffled truth and a constant.
 """
 
 from __future__ import annotations

@@ -172,7 +172,7 @@ def _dynamics(clips: Sequence[ClipMetrics]) -> dict[str, _ClipStatistic]:
         "speed_ratio": _ratio(mean, of_truth),
         "speed_p99": _ClipStatistic(top, len(clips)),
         "speed_p99_ratio": _ClipStatistic(
-            lambda drawn: top(drawn) / top_of_truth(drawn), len(clips) if of_truth.all() else 0
+            lambda resampled: top(resampled) / top_of_truth(resampled), len(clips) if of_truth.all() else 0
         ),
         "still_fraction": _mean(np.array([still_fraction(clip.speed) for clip in clips])),
     }

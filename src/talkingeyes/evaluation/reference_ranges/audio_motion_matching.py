@@ -50,10 +50,10 @@ def train_similarity(
     settings: CriticSettings,
 ) -> SimilarityMatrix:
     """Train a critic on `train` and compute the similarity of all pairs of recordings in `judged`."""
-    learnt = train_critic(part, train, channel_selection, settings).corr
-    group = first_windows(judged, part, learnt.critic.speech_channels.numpy(), learnt.frames)
+    trained = train_critic(part, train, channel_selection, settings).corr
+    group = first_windows(judged, part, trained.critic.speech_channels.numpy(), trained.frames)
     with torch.no_grad():
-        found = similarity(learnt.critic.speech(group.speech_features), learnt.critic.motion(group.angles))
+        found = similarity(trained.critic.speech(group.speech_features), trained.critic.motion(group.angles))
     return SimilarityMatrix(found.numpy().astype(np.float64), group.negatives)
 
 

@@ -98,7 +98,7 @@ def rates_per_min(pool: PooledArrays) -> Float[ndarray, " P"]:
     return np.array([60 * blinks / seconds for blinks, seconds in totals if seconds >= MIN_SPEAKER_S])
 
 
-def rate(pool: PooledArrays) -> dict[str, Measurement]:
+def mean_rate(pool: PooledArrays) -> dict[str, Measurement]:
     """Mean of the rates over speakers, and their 2.5 % and 97.5 % quantiles (`low`, `high`)."""
     rates = rates_per_min(pool)
     if len(rates) < 5:
@@ -134,7 +134,7 @@ def gaze_evoked(pool: PooledArrays) -> Measurement:
     return measurement(float(seen - expected.mean()) if len(blinked) else np.nan, len(blinked), "shifts", 30)
 
 
-def kinematics(pool: PooledArrays) -> dict[str, Measurement]:
+def blink_kinematics(pool: PooledArrays) -> dict[str, Measurement]:
     """Median durations in milliseconds, and median ratio of peak closing to peak opening speed (`faster`)."""
     length = pool["course.length_s"]
     values = {

@@ -67,13 +67,13 @@ def extract_events(events: Events) -> PooledArrays:
     return {"lag.s": np.array(lags)}
 
 
-def in_range(pool: PooledArrays) -> Measurement:
+def within_motor_range(pool: PooledArrays) -> Measurement:
     """Percentage of frames with both eyes within the range of conversation."""
     inside, frames = pool["range.inside"].sum(axis=0)
     return measurement(100 * inside / max(frames, 1), int(frames), "frames", 100)
 
 
-def vergence(pool: PooledArrays) -> Measurement:
+def vergence_deg(pool: PooledArrays) -> Measurement:
     """Mean angle between the lines of sight while looking at the partner, degrees."""
     total, frames = pool["vergence.deg"].sum(axis=0)
     return measurement(total / max(frames, 1), int(frames), "frames", 100)

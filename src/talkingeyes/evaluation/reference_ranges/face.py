@@ -23,7 +23,7 @@ from talkingeyes.evaluation.reference_ranges.clip_data import (
     measurement,
 )
 from talkingeyes.head import landmarks as face
-from talkingeyes.head.eyelid.model import predictors
+from talkingeyes.head.eyelid.model import gaze_predictors
 
 UPPER = slice(1, 3)  # of the six points of an eye
 EVERY = 4  # frames
@@ -108,7 +108,7 @@ def _about_own(values: Float[ndarray, " N"], group: ndarray) -> Float[ndarray, "
 
 def lid_r_squared(pool: PooledArrays) -> Measurement:
     """Fraction of the variance of lid height explained by stage one of the Eyelid model, fitted to each eye."""
-    inputs, height, group = predictors(pool["lid.angles_rad"]), pool["lid.height_deg"], pool["lid.whose"]
+    inputs, height, group = gaze_predictors(pool["lid.angles_rad"]), pool["lid.height_deg"], pool["lid.whose"]
     left, total, count = 0.0, 0.0, 0
     for each in np.unique(group):
         mine = group == each

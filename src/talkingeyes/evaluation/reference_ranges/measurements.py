@@ -69,14 +69,14 @@ def measure_gaze(pool: PooledArrays) -> Measurements:
         "below_5": saccades.fraction_below(pool, 5.0),
         "below_15": saccades.fraction_below(pool, 15.0),
         "amplitude": saccades.mean_amplitude(pool),
-        "cardinal": saccades.cardinal(pool),
-        "rate": saccades.rate(pool),
+        "cardinal": saccades.cardinal_ratio(pool),
+        "rate": saccades.saccade_rate(pool),
         "eye_yaw": benchmark_metric(pool, "eye/sd_yaw"),
         "eye_pitch": benchmark_metric(pool, "eye/sd_pitch"),
-        "oculomotor_range": eyes.in_range(pool),
+        "oculomotor_range": eyes.within_motor_range(pool),
         "conjugacy": benchmark_metric(pool, "eye/conjugacy"),
         "torsion": benchmark_metric(pool, "eye/torsion"),
-        "vergence": eyes.vergence(pool),
+        "vergence": eyes.vergence_deg(pool),
         "vor_yaw": _slope(pool, "yaw"),
         "vor_pitch": _slope(pool, "pitch"),
         "speed": benchmark_metric(pool, "eye/speed"),
@@ -94,7 +94,7 @@ def measure_main_sequence(pool: PooledArrays) -> Measurements:
     """Main sequence at the highest frame rate, and ratio of peak speeds at 25 frames per second to the true ones."""
     main_sequence_model = saccades.main_sequence_model(pool, "at500")
     return {
-        "largest": saccades.largest(pool, "at500"),
+        "largest": saccades.largest_amplitude(pool, "at500"),
         "vmax": main_sequence_model["most"],
         "main_sequence_constant": main_sequence_model["constant"],
         "slope_10": saccades.log_slope(pool, "at500", 0.5, 10.0),
@@ -134,7 +134,7 @@ def measure_head(pool: PooledArrays) -> Measurements:
 
 def measure_speech(pool: PooledArrays) -> Measurements:
     """Statistics that need the annotation: partner gaze, the head in speech, blinks at phrase ends, styles."""
-    talking, onset = partner_gaze.fraction(pool, "talking"), partner_gaze.aversion_lead(pool)
+    talking, onset = partner_gaze.partner_gaze_fraction(pool, "talking"), partner_gaze.aversion_lead(pool)
     return {
         "partner_gaze": talking["mean"],
         "partner_gaze_sd": talking["sd"],
@@ -171,7 +171,7 @@ def measure_prosody(pool: PooledArrays) -> Measurements:
 
 def measure_blinks(pool: PooledArrays) -> Measurements:
     """Blink rates over people and variation of blink intervals."""
-    rate = blinks.rate(pool)
+    rate = blinks.mean_rate(pool)
     return {
         "blink_rate": rate["mean"],
         "blink_low": rate["low"],
@@ -182,7 +182,7 @@ def measure_blinks(pool: PooledArrays) -> Measurements:
 
 def measure_blink_kinematics(pool: PooledArrays) -> Measurements:
     """Kinematics of blinks at the highest frame rate."""
-    kinematics = blinks.kinematics(pool)
+    kinematics = blinks.blink_kinematics(pool)
     return {f"blink_{name}": kinematics[name] for name in ("length", "down", "up", "faster")}
 
 

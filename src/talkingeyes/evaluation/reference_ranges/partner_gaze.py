@@ -93,7 +93,7 @@ def by_speaker(pool: PooledArrays, what: str) -> Float[ndarray, " P"]:
     return np.array(shares)
 
 
-def fraction(pool: PooledArrays, what: str) -> dict[str, Measurement]:
+def partner_gaze_fraction(pool: PooledArrays, what: str) -> dict[str, Measurement]:
     """Mean and standard deviation over speakers of the fraction of partner gaze."""
     shares = by_speaker(pool, what)
     nan = float("nan")
@@ -130,8 +130,8 @@ def kaplan_meier_median(length_s: Float[ndarray, " N"], censored: Bool[ndarray, 
     """Kaplan-Meier median of durations; NaN if the survival function does not reach 0.5."""
     order = np.argsort(length_s, kind="stable")
     at_risk = np.arange(len(order), 0, -1)
-    alive = np.cumprod(1.0 - ~censored[order] / at_risk)
-    below = np.flatnonzero(alive <= 0.5)
+    survival = np.cumprod(1.0 - ~censored[order] / at_risk)
+    below = np.flatnonzero(survival <= 0.5)
     return float(length_s[order][below[0]]) if len(below) else float("nan")
 
 

@@ -71,7 +71,7 @@ def with_context(speech: Float[ndarray, "T C"], prosody: Sequence[int], fps: flo
     return np.concatenate([speech, *around, np.ones((len(speech), 1))], axis=1)
 
 
-def gram(features: Float[ndarray, "T F"], targets: Float[ndarray, "T K"]) -> GramMatrices:
+def gram_matrices(features: Float[ndarray, "T F"], targets: Float[ndarray, "T K"]) -> GramMatrices:
     """Gram matrices of the frames of a clip."""
     return GramMatrices(features.T @ features, features.T @ targets, np.square(targets).sum(axis=0), len(features))
 

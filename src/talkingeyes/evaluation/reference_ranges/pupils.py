@@ -21,7 +21,7 @@ from talkingeyes.head.anny import anny_head
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.observation import Observation
 
-PX_PER_RAD = 15.35  # of the eye, in a crop of 224 pixels (FACTS, section 8)
+PX_PER_RAD = 15.35  # of the eye, in a crop of 224 pixels
 GAIN, AUTOCORRELATION = (0.85, 1.0), 0.999
 CONSTANT_RAD, DRIFT_RAD, WHITE_RAD = 0.85 / PX_PER_RAD, 0.45 / PX_PER_RAD, 0.014 / PX_PER_RAD
 
@@ -29,7 +29,7 @@ CONSTANT_RAD, DRIFT_RAD, WHITE_RAD = 0.85 / PX_PER_RAD, 0.45 / PX_PER_RAD, 0.014
 def projected_px(camera: Camera) -> float:
     """Largest distance in pixels between pupils by formula and by the vertices of the head, looking straight ahead."""
     head = anny_head()
-    by_formula = camera.project(face.pupils(np.zeros((1, 2, 3))))
+    by_formula = camera.project(face.pupil_centres(np.zeros((1, 2, 3))))
     on_head = camera.project(np.asarray(head.template[head.pupils], np.float64)[None])
     return float(np.linalg.norm(by_formula - on_head, axis=-1).max())
 

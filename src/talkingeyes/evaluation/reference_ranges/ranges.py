@@ -51,8 +51,8 @@ RANGES_BY_SECTION: dict[str, tuple[ReferenceRange, ...]] = {
             15,
             "Bahill 1975, Collewijn 1988, M",
             "deg",
-            # c increases with the fitted range of amplitudes: the main sequence of FACTS, section 1, has 10.6 over 1 to
-            # 40 degrees, 8.9 up to 30 and 8.5 up to 27; speech has no larger saccades (limit 27.5, few above 20).
+            # c increases with the fitted range of amplitudes: the main sequence of physiology/saccades.py has 10.6 over
+            # 1 to 40 degrees, 8.9 up to 30 and 8.5 up to 27; speech has no larger saccades (limit 27.5, few above 20).
             previous_range="8 to 15: for a fit up to 40 degrees; over the amplitudes of speech the same curve has 8.5",
         ),
         ReferenceRange("slope_10", "log-log slope, A 0.5-10 deg, 500 fps", "0.79", 0.70, 0.88, "M"),

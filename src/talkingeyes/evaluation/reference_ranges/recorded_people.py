@@ -85,7 +85,7 @@ def measure_conversation(fixations: ConversationFixations) -> Measurements:
         "below_5": saccades.fraction_below(pool, 5.0),
         "below_15": saccades.fraction_below(pool, 15.0),
         "amplitude": saccades.mean_amplitude(pool),
-        "cardinal": saccades.cardinal(pool),
+        "cardinal": saccades.cardinal_ratio(pool),
     }
 
 

@@ -2,7 +2,7 @@
 
 Bahill, Clark & Stark 1975: peak = Vmax (1 - exp(-A / c)). Collewijn, Erkelens & Steinman 1988: duration is linear in
 amplitude. At 25 frames per second a saccade of five degrees shows less than half its peak speed, so the peak speed of
-each saccade is also compared with that of the same saccade at the highest rate (FACTS, sections 0g and 10).
+each saccade is also compared with that of the same saccade at the highest rate (Mack et al. 2017).
 """
 
 from __future__ import annotations
@@ -105,20 +105,20 @@ def mean_amplitude(pool: PooledArrays) -> Measurement:
     return measurement(float(amplitude.mean()) if len(amplitude) else np.nan, len(amplitude), "saccades", MIN_SACCADES)
 
 
-def rate(pool: PooledArrays) -> Measurement:
+def saccade_rate(pool: PooledArrays) -> Measurement:
     """Saccades of at least a degree per second of time."""
     amplitude, seconds = pool["saccade.amplitude_deg"], float(pool["saccade.seconds"].sum())
     return measurement(len(amplitude) / max(seconds, 1e-9), len(amplitude), "saccades", MIN_SACCADES)
 
 
-def cardinal(pool: PooledArrays) -> Measurement:
+def cardinal_ratio(pool: PooledArrays) -> Measurement:
     """Saccades within 22.5 degrees of left, up, right or down, divided by the others."""
     sector = np.floor(pool["saccade.direction_rad"] / (np.pi / 4) + 0.5).astype(int) % 8
     level, oblique = int((sector % 2 == 0).sum()), int((sector % 2 == 1).sum())
     return measurement(level / oblique if oblique else np.nan, len(sector), "saccades", MIN_SACCADES)
 
 
-def largest(pool: PooledArrays, name: str) -> Measurement:
+def largest_amplitude(pool: PooledArrays, name: str) -> Measurement:
     """The largest amplitude, degrees."""
     amplitude = pool[f"{name}.amplitude_deg"]
     return measurement(float(amplitude.max()) if len(amplitude) else np.nan, len(amplitude), "saccades", MIN_SACCADES)

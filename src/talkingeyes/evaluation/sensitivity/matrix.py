@@ -77,7 +77,7 @@ def _recording(number: int, talk: SketchedClip) -> Recording:
 
 
 @dataclass(frozen=True)
-class FaultEffect:
+class CorruptionEffect:
     """A metric under one corruption.
 
     `effect_size` is in intervals, NaN if the metric is no longer defined, which counts as detected.
@@ -99,7 +99,7 @@ class FaultEffect:
 
 
 # {metric: {corruption: effect}}, in the order of the registry.
-SensitivityMatrix = Mapping[str, Mapping[str, FaultEffect]]
+SensitivityMatrix = Mapping[str, Mapping[str, CorruptionEffect]]
 
 
 def sensitivity_matrix(
@@ -143,7 +143,7 @@ def accumulate(sounds: Sequence[Sequence[Behaviour]], fps: float, encoder: Encod
     return found
 
 
-def l2(takes: TakeSets, corruption: Corruption, seed: int = 0) -> float:
+def mean_l2(takes: TakeSets, corruption: Corruption, seed: int = 0) -> float:
     """L2 of eye-in-head to the first reference take, in radians; a constant near the mean scores best."""
     wrong = _corrupted(takes, corruption, 1.0, seed)
     found = []
@@ -158,14 +158,14 @@ def _gaze(motion: Behaviour) -> Float[ndarray, "T 6"]:
     return motion.gaze.reshape(len(motion), 6)
 
 
-def detected_corruptions(of_measure: Mapping[str, FaultEffect]) -> list[str]:
+def detected_corruptions(of_measure: Mapping[str, CorruptionEffect]) -> list[str]:
     """Names of the corruptions that a metric detects."""
     return [name for name, cell in of_measure.items() if name != UNCORRUPTED.name and cell.detected]
 
 
-def _cell(row: MetricResult, true: MetricResult) -> FaultEffect:
+def _cell(row: MetricResult, true: MetricResult) -> CorruptionEffect:
     distance = float("nan") if row.value is None or row.reference is None else effect_size(row)
-    return FaultEffect(float("nan") if row.value is None else row.value.value, distance, effect_size(true))
+    return CorruptionEffect(float("nan") if row.value is None else row.value.value, distance, effect_size(true))
 
 
 def effect_size(row: MetricResult) -> float:

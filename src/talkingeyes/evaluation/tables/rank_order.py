@@ -73,4 +73,4 @@ def rank_order(
 
 def _difference(higher: MultiSeedStatistic, lower: MultiSeedStatistic, settings: BootstrapSettings) -> Estimate:
     assert higher.count == lower.count, "rows of a table should be evaluated on the same sounds"
-    return bootstrap(lambda drawn: higher(drawn) - lower(drawn), higher.count, settings)
+    return bootstrap(lambda resampled: higher(resampled) - lower(resampled), higher.count, settings)

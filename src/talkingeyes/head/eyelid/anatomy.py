@@ -1,11 +1,11 @@
 """Anatomical lid motion as ground truth, from which the Eyelid model is built.
 
-Lids rotate on the eyeball about the axis between the eye corners (Becker & Fuchs 1988; FACTS, section 5). The upper lid
-follows the eye downwards with gain 1, and upwards with 0.8 over the first 15 degrees, saturating; the lower lid follows
-with 0.35. People are asymmetric, and a lid varies (1.2 degrees) at constant gaze. In a blink the upper lid covers nine
-tenths of the opening and the lower lid the rest. Lids lie on two spheres, so the bulge of the cornea lifts them
-wherever it points. This is deliberately not of the form of the Eyelid model: gains change at zero, and the lift of a
-lid is not a sum of sines.
+Lids rotate on the eyeball about the axis between the eye corners (Becker & Fuchs 1988). The upper lid follows the eye
+downwards with gain 1, and upwards with 0.8 over the first 15 degrees, saturating; the lower lid follows with 0.35.
+People are asymmetric, and a lid varies (1.2 degrees) at constant gaze. In a blink the upper lid covers nine tenths of
+the opening and the lower lid the rest. Lids lie on two spheres, so the bulge of the cornea lifts them wherever it
+points. This is deliberately not of the form of the Eyelid model: gains change at zero, and the lift of a lid is not a
+sum of sines.
 """
 
 from __future__ import annotations
@@ -106,8 +106,8 @@ def iris_contour(
     side /= np.linalg.norm(side, axis=-1, keepdims=True)
     up = np.cross(gaze, side)
     ring = np.cos(around)[:, None] * side[:, None] + np.sin(around)[:, None] * up[:, None]
-    drawn = IRIS_CENTRE_M * gaze[:, None] + IRIS_RADIUS_M * ring
-    return np.asarray(drawn + rng.normal(0.0, noise_m, drawn.shape))
+    contour = IRIS_CENTRE_M * gaze[:, None] + IRIS_RADIUS_M * ring
+    return np.asarray(contour + rng.normal(0.0, noise_m, contour.shape))
 
 
 def _turns(

@@ -18,7 +18,7 @@ from numpy import ndarray
 
 from talkingeyes.core.rotation import gaze_to_angles
 from talkingeyes.head.eyelid.anatomy import EyelidParameters
-from talkingeyes.head.eyelid.model import LOWER, POINTS, UPPER, fit_eyelid_model, predictors
+from talkingeyes.head.eyelid.model import LOWER, POINTS, UPPER, fit_eyelid_model, gaze_predictors
 from talkingeyes.head.eyelid.postures import posture_grid
 from talkingeyes.head.eyelid.region import TEMPORAL_AXES, EyelidRegion, eyelid_region
 from talkingeyes.head.model import HeadModel, Landmarks
@@ -27,7 +27,7 @@ SIDES = ("left", "right")
 PREDICTORS = ("SinSum", "SinDifference", "CosAzimuth", "CosElevation")
 LID_SHAPES = tuple(f"lid{what}{side.title()}" for side in SIDES for what in (*PREDICTORS, "Blink"))
 EYE_POINTS = ("outer", "upper_outer", "upper_inner", "inner", "lower_inner", "lower_outer")
-AHEAD = predictors(np.zeros(2))
+AHEAD = gaze_predictors(np.zeros(2))
 SCULPTED = ("eyeBlink", "eyeLookDown", "eyeLookUp", "eyeSquint", "eyeWide")
 RIDGE = 1e-3  # relative to the mean square of a sculpted shape, because the shapes overlap
 
@@ -88,7 +88,7 @@ def eyelid_weights(
     model: HeadModel, gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]
 ) -> dict[str, Float[ndarray, " T"]]:
     """Weights of the ten shapes for gaze and closure (`Motion.gaze`, `Motion.lid`)."""
-    inputs = predictors(gaze_to_angles(gaze)) - AHEAD
+    inputs = gaze_predictors(gaze_to_angles(gaze)) - AHEAD
     first = model.shape(LID_SHAPES[0])
     weights: dict[str, Float[ndarray, " T"]] = {}
     for eye, side in enumerate(SIDES):

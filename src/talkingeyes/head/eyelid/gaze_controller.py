@@ -2,7 +2,8 @@
 
 Elisei, Bailly & Casari (AVSP 2007), section 5.2: a target in homogeneous coordinates (x, y, z, w) is the point (x, y,
 z) / w, and for w = 0 the direction (x, y, z) at optical infinity. One formula covers both cases, and the eyes converge
-on near targets. People converge less than the geometry requires (FACTS, section 1): `vergence_gain`.
+on near targets. People converge a quarter to a third less than the geometry requires (Malinov et al. 2000):
+`vergence_gain`.
 """
 
 from __future__ import annotations

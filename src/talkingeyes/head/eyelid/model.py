@@ -61,7 +61,7 @@ class EyelidModel:
 
     def gaze_only_curves(self, angles_rad: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N P 3"]:
         """Stage one: the curves predicted from gaze."""
-        return np.asarray(self.rest + np.tensordot(predictors(angles_rad) - self.centre, self.weights, axes=1))
+        return np.asarray(self.rest + np.tensordot(gaze_predictors(angles_rad) - self.centre, self.weights, axes=1))
 
     def curves(self, angles_rad: Float[ndarray, "*N 2"], lid: Float[ndarray, "*N"]) -> Float[ndarray, "*N P 3"]:
         """The curves at a gaze and a closure as in `Motion.lid`."""
@@ -70,7 +70,7 @@ class EyelidModel:
 
     def blink_weight(self, angles_rad: Float[ndarray, "*N 2"], lid: Float[ndarray, "*N"]) -> Float[ndarray, "*N"]:
         """Weight v of the blink component for a closure: smaller for an eye that already looks down."""
-        return np.asarray(lid * opening(self.gaze_only_curves(angles_rad)) / -opening(self.blink))
+        return np.asarray(lid * lid_opening_m(self.gaze_only_curves(angles_rad)) / -lid_opening_m(self.blink))
 
     def lid(self, angles_rad: Float[ndarray, "*N 2"], curves: Float[ndarray, "*N P 3"]) -> Float[ndarray, "*N"]:
         """Closure that best fits curves at a known gaze; the inverse of `curves`."""
@@ -79,7 +79,7 @@ class EyelidModel:
         return np.asarray(weight / self.blink_weight(angles_rad, np.ones_like(weight)))
 
 
-def predictors(angles_rad: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N 4"]:
+def gaze_predictors(angles_rad: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N 4"]:
     """sin(a1+a2), sin(a1-a2), cos(a1), cos(a2)."""
     azimuth, elevation = angles_rad[..., 0], angles_rad[..., 1]
     return np.stack(
@@ -87,7 +87,7 @@ def predictors(angles_rad: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N 4"]:
     )
 
 
-def opening(curves: Float[ndarray, "*N P 3"]) -> Float[ndarray, "*N"]:
+def lid_opening_m(curves: Float[ndarray, "*N P 3"]) -> Float[ndarray, "*N"]:
     """Mean height of the upper above the lower lid around their middle, metres."""
     gap = curves[..., UPPER, 1][..., MIDDLE] - curves[..., LOWER, 1][..., MIDDLE]
     return np.asarray(gap.mean(axis=-1))
@@ -100,7 +100,7 @@ def fit_eyelid_model(labels: LabelledPostures) -> EyelidModel:
             "eyelid: labels should be at least 7 postures, with held gazes and shut lids among them, got "
             f"{len(labels.curves)}, {labels.held.sum()} held, {labels.shut.sum()} shut"
         )
-    mean, inputs = labels.curves.mean(axis=0), predictors(labels.angles_rad)
+    mean, inputs = labels.curves.mean(axis=0), gaze_predictors(labels.angles_rad)
     centre = inputs.mean(axis=0)
     flat = (labels.curves - mean).reshape(len(inputs), -1)
     weights, _, rank, _ = np.linalg.lstsq(inputs - centre, flat, rcond=1e-6)

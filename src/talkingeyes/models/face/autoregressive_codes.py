@@ -68,9 +68,9 @@ class AutoregressiveCodesFace(nn.Module):
         values = []
         for position in range(speech.shape[1]):
             latents = decoding.decode_step(position, previous)[:, None]
-            drawn = self.tokenizer.sample_decoder_inputs(latents, noise[:, position : position + 1], temperature)
-            values.append(drawn)
-            previous = (drawn / self.tokenizer.latent_scale)[:, 0]
+            sampled = self.tokenizer.sample_decoder_inputs(latents, noise[:, position : position + 1], temperature)
+            values.append(sampled)
+            previous = (sampled / self.tokenizer.latent_scale)[:, 0]
         return self.tokenizer.decode(torch.cat(values, dim=1)).expand(len(seeds), -1, -1)
 
     def _history(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T L"]:

@@ -74,8 +74,8 @@ class DiffusionFace(nn.Module):
         size = (speech.shape[1], len(self.normal.mean))
 
         def noise() -> Float[Tensor, "B T F"]:
-            drawn = torch.stack([torch.randn(size, generator=each) for each in generators])
-            return temperature * drawn.to(speech)
+            gaussian = torch.stack([torch.randn(size, generator=each) for each in generators])
+            return temperature * gaussian.to(speech)
 
         speech_features = speech.expand(len(seeds), -1, -1)
         timesteps = (

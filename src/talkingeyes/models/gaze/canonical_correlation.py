@@ -84,7 +84,8 @@ def fit_canonical_correlation(
     moments = _Moments()
     for each in examples:
         moments.add(
-            features(settings, feature_map, each.speech, each.head), _gaze_windows(each.gaze, settings.context_frames)
+            random_features(settings, feature_map, each.speech, each.head),
+            _gaze_windows(each.gaze, settings.context_frames),
         )
     found = moments.covariances()
     whiten_x = _power(_regularised(found.xx, settings.ridge), -0.5)
@@ -102,7 +103,7 @@ def generate_gaze(
     head: Float[ndarray, "T 3"],
 ) -> Float[ndarray, "T 2 3"]:
     """Generate eye-in-head rotation vectors for standardised speech features and a head motion."""
-    lifted = features(settings, found.feature_map, speech, head)
+    lifted = random_features(settings, found.feature_map, speech, head)
     stretches = (found.offset + (lifted - found.centre) @ found.weights).reshape(len(head), -1, 6)
     reach, frames = settings.context_frames, len(head)
     total, count = np.zeros((frames, 6)), np.zeros((frames, 1))
@@ -113,7 +114,7 @@ def generate_gaze(
     return (total / count).reshape(frames, 2, 3)
 
 
-def features(
+def random_features(
     settings: CanonicalCorrelationSettings,
     feature_map: FeatureMap,
     speech: Float[ndarray, "T C"],

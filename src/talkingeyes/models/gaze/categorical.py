@@ -111,7 +111,7 @@ class CategoricalGaze(nn.Module):
         memory = self.memory(condition)
         uniform = uniform_noise(seeds, memory.shape[1]).to(memory.device)
         run = self.start(len(seeds), memory)
-        patches = [self.advance(run, memory[:, [step]], drawn, temperature) for step, drawn in enumerate(uniform.T)]
+        patches = [self.advance(run, memory[:, [step]], column, temperature) for step, column in enumerate(uniform.T)]
         signal = torch.cat(patches, dim=1)[:, : condition.speech.shape[1]]
         return to_gaze_tensor(self.codebook.settings.signal, condition.head, signal)
 
@@ -193,8 +193,8 @@ class CategoricalGaze(nn.Module):
         self, settings: ScheduledSampling, codes: Int[Tensor, "B N"], logits: Float[Tensor, "B N K"]
     ) -> _History:
         """History of true codes, a fraction of them replaced by samples of a first pass (Gumbel-max trick)."""
-        drawn = (logits - (-torch.rand_like(logits).clamp(1e-9, 1 - 1e-7).log()).log()).argmax(-1)
-        mixed_codes = torch.where(replacement_mask(settings, self.trained_steps, logits[..., 0]), drawn, codes)
+        sampled = (logits - (-torch.rand_like(logits).clamp(1e-9, 1 - 1e-7).log()).log()).argmax(-1)
+        mixed_codes = torch.where(replacement_mask(settings, self.trained_steps, logits[..., 0]), sampled, codes)
         return self._history(mixed_codes, self.codebook.code_values(mixed_codes))
 
     def _logits(self, history: _History, memory: Float[Tensor, "B N W"]) -> Float[Tensor, "B N K"]:
@@ -238,8 +238,8 @@ class CategoricalGazeStream:
         """Frames of the next code; fewer at the end of the stream."""
         gaze, memory = self._gaze, self._gaze.memory(condition)
         gaze.transformer.append_memory(memory, self._run.cache)
-        drawn = torch.rand(1, generator=self._uniform)
-        signal = gaze.advance(self._run, memory, drawn, self._temperature)[:, : condition.speech.shape[1]]
+        uniform = torch.rand(1, generator=self._uniform)
+        signal = gaze.advance(self._run, memory, uniform, self._temperature)[:, : condition.speech.shape[1]]
         return to_gaze_tensor(gaze.codebook.settings.signal, condition.head, signal)
 
 

@@ -63,5 +63,5 @@ def replacement_mask(
     settings: ScheduledSampling, trained_steps: int, like: Float[Tensor, "B N *F"]
 ) -> Bool[Tensor, "B N"]:
     """Frames or codes to replace by predictions in this step."""
-    drawn = torch.rand_like(like[:, :, 0] if like.dim() > 2 else like)
-    return drawn < settings.max_fraction * ramp(trained_steps, settings.ramp_steps)
+    uniform = torch.rand_like(like[:, :, 0] if like.dim() > 2 else like)
+    return uniform < settings.max_fraction * ramp(trained_steps, settings.ramp_steps)

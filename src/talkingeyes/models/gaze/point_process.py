@@ -103,7 +103,9 @@ class PointProcessGaze(nn.Module):
         sampled = sample_events(self.process, binned_condition, uniform, temperature)
         times_s = np.arange(condition.speech.shape[1]) / self.fps
         starts_s = (np.arange(count) + sampled.phase) * self.bin_frames / self.fps
-        return _eyes(condition.head, render_saccades(sampled.event, starts_s, self.radians(sampled.location), times_s))
+        return _eyes(
+            condition.head, render_saccades(sampled.event, starts_s, self.to_radians(sampled.location), times_s)
+        )
 
     @property
     def step_frames(self) -> int:
@@ -120,7 +122,7 @@ class PointProcessGaze(nn.Module):
         """A stream that yields the result of `sample` bin by bin."""
         return PointProcessGazeStream(self, seed, temperature)
 
-    def radians(self, locations: Float[ndarray, "*K 3"]) -> Float[ndarray, "*K 3"]:
+    def to_radians(self, locations: Float[ndarray, "*K 3"]) -> Float[ndarray, "*K 3"]:
         """Locations in radians, normalisation undone."""
         return np.asarray(locations * self.scale.cpu().numpy() + self.centre.cpu().numpy(), float)
 
@@ -245,10 +247,10 @@ class PointProcessGazeStream:
         encoded_condition = self._condition_encoder.step(gaze.binned_condition(condition)[0].numpy())
         if self._run is None or self._chain is None:
             self._run = self._sampler.begin(encoded_condition, uniform)
-            self._chain = SaccadeSequence(gaze.radians(self._run.location[0]))
+            self._chain = SaccadeSequence(gaze.to_radians(self._run.location[0]))
         elif self._sampler.advance(self._run, encoded_condition, uniform).any():
             onset_s = (self._bin + uniform[:, 1]) * gaze.bin_frames / gaze.fps
-            self._chain.add_saccades(onset_s, gaze.radians(self._run.location))
+            self._chain.add_saccades(onset_s, gaze.to_radians(self._run.location))
         first, self._bin = self._bin * gaze.bin_frames, self._bin + 1
         times_s = np.arange(first, first + condition.head.shape[1]) / gaze.fps
         signal = self._chain.at(times_s)[None]

@@ -105,10 +105,12 @@ class RegressionGaze(nn.Module):
         memory = self._memory(condition)
         uniform = uniform_noise(seeds, memory.shape[1]).to(memory.device)
 
-        def drawn(features: Float[Tensor, "B C"], step: int) -> Float[Tensor, "B C"]:
+        def sample_code(features: Float[Tensor, "B C"], step: int) -> Float[Tensor, "B C"]:
             return sample_code_values(self.codebook.quantiser, features, uniform[:, step], temperature)
 
-        return to_gaze_tensor(self.codebook.settings.signal, condition.head, self._free_run(memory, drawn, None).signal)
+        return to_gaze_tensor(
+            self.codebook.settings.signal, condition.head, self._free_run(memory, sample_code, None).signal
+        )
 
     def _predict(self, past: Float[Tensor, "B T F"], memory: Float[Tensor, "B T W"]) -> _Prediction:
         """Predict all frames in parallel from a given history."""

@@ -86,18 +86,18 @@ class CausalVAEHead(nn.Module):
         assert isinstance(self.vae_head.vae.decoder, CausalConvolutionStack)
         return self.vae_head.vae.decoder
 
-    def interpolate_latents(self, drawn: _LatentState, frames: int) -> Float[Tensor, "B T Z"]:
+    def interpolate_latents(self, latent_state: _LatentState, frames: int) -> Float[Tensor, "B T Z"]:
         """Codes at their centres, interpolated to the next frames at constant variance (as in ConditionalVAE)."""
         span = self.settings.latent_frames
-        place = ((torch.arange(drawn.frame, drawn.frame + frames) + 0.5) / span - 0.5).clamp(min=0)
+        place = ((torch.arange(latent_state.frame, latent_state.frame + frames) + 0.5) / span - 0.5).clamp(min=0)
         left = place.floor().long()
-        drawn.frame += frames
-        while drawn.first + len(drawn.codes) < int(left[-1]) + 2:
-            drawn.codes.append(self._draw(drawn.generators))
-        del drawn.codes[: int(left[0]) - drawn.first]
-        drawn.first = int(left[0])
-        codes = torch.stack(drawn.codes, dim=1)
-        share, left = (place - left)[:, None], left - drawn.first
+        latent_state.frame += frames
+        while latent_state.first + len(latent_state.codes) < int(left[-1]) + 2:
+            latent_state.codes.append(self._draw(latent_state.generators))
+        del latent_state.codes[: int(left[0]) - latent_state.first]
+        latent_state.first = int(left[0])
+        codes = torch.stack(latent_state.codes, dim=1)
+        share, left = (place - left)[:, None], left - latent_state.first
         mixed = (1 - share) * codes[:, left] + share * codes[:, left + 1]
         out: Tensor = mixed / torch.hypot(share, 1 - share)
         return out

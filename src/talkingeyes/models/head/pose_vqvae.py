@@ -79,16 +79,16 @@ class VQVAEPose(nn.Module):
         """Sample codes autoregressively and decode them."""
         speech = self.from_speech(self._pool(inputs.features))
         cache, before = self.transformer.start(), self.first.expand(len(generators), 1, -1)
-        drawn: list[Int[Tensor, " B"]] = []
+        sampled_codes: list[Int[Tensor, " B"]] = []
         for position in range(speech.shape[1]):
             scores = self.scores(self.transformer.step(before + speech[:, position : position + 1], cache))[:, 0]
             probabilities = scores.softmax(-1).cpu()
             rows = [
                 torch.multinomial(row, 1, generator=each) for row, each in zip(probabilities, generators, strict=True)
             ]
-            drawn.append(torch.cat(rows).to(speech.device))
-            before = self.from_code(drawn[-1])[:, None]
-        return self._decode(self.quantiser.codebook[torch.stack(drawn, dim=1)], inputs.features.shape[1])
+            sampled_codes.append(torch.cat(rows).to(speech.device))
+            before = self.from_code(sampled_codes[-1])[:, None]
+        return self._decode(self.quantiser.codebook[torch.stack(sampled_codes, dim=1)], inputs.features.shape[1])
 
     def _pool(self, frames: Float[Tensor, "B T W"]) -> Float[Tensor, "B N W"]:
         """Means over the frames of each code; the last code may span fewer frames."""

@@ -29,8 +29,8 @@ def _white(seed: int, frames: int, numbers: int) -> Float[Tensor, "T N"]:
     """White noise whose prefixes are reproducible. torch samples in blocks of 16 and treats the last few differently,
     so whole blocks are sampled."""
     count = frames * numbers
-    drawn = torch.randn(-(-count // 16) * 16, generator=torch.Generator().manual_seed(seed))
-    return drawn[:count].reshape(frames, numbers)
+    normal = torch.randn(-(-count // 16) * 16, generator=torch.Generator().manual_seed(seed))
+    return normal[:count].reshape(frames, numbers)
 
 
 def normal_to_gumbel(normal: Float[Tensor, "*N"]) -> Float[Tensor, "*N"]:

@@ -76,13 +76,13 @@ class BatchNoiseMode(TorchDispatchMode):
 
 
 def _like(func: Any, rows: Tensor, *args: Any, **kwargs: Any) -> Tensor:
-    drawn: Tensor = local_rows(func(_whole(rows), *args, **kwargs))
-    return drawn
+    own_rows: Tensor = local_rows(func(_whole(rows), *args, **kwargs))
+    return own_rows
 
 
 def _sized(func: Any, size: Sequence[int], *args: Any, **kwargs: Any) -> Tensor:
-    drawn: Tensor = local_rows(func([size[0] * world_size(), *size[1:]], *args, **kwargs))
-    return drawn
+    own_rows: Tensor = local_rows(func([size[0] * world_size(), *size[1:]], *args, **kwargs))
+    return own_rows
 
 
 def _in_place(func: Any, rows: Tensor, *args: Any, **kwargs: Any) -> Tensor:

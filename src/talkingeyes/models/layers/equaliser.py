@@ -35,7 +35,7 @@ class Equaliser(nn.Module):
         """Reset to the identity."""
         self.taps.copy_(torch.arange(len(self.taps)) == len(self.taps) // 2)
 
-    def match(self, true: Sequence[Float[ndarray, "_ D"]], sampled: Sequence[Float[ndarray, "_ D"]]) -> None:
+    def fit(self, true: Sequence[Float[ndarray, "_ D"]], sampled: Sequence[Float[ndarray, "_ D"]]) -> None:
         """Fit the filter that gives motion sampled without it the spectrum of true motion of the same lengths."""
         if not len(self.taps) or not any(len(each) >= MIN_FRAMES for each in true):
             return

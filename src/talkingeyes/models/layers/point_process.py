@@ -172,7 +172,7 @@ class PointProcess(nn.Module):
 
     def loss_terms(self, events: EventSequence, condition: Float[Tensor, "B N C"]) -> dict[str, Tensor]:
         """Negative log-likelihoods (`time` per bin, `location` per event) and any loss of the mixture centres."""
-        learnt = self.mixture_centres.auxiliary_loss(events.locations[events.mask])
+        centre_losses = self.mixture_centres.auxiliary_loss(events.locations[events.mask])
         encoded_condition = self.condition_encoder(condition)
         past = self._past(events, encoded_condition)
         features = self._features(past, encoded_condition)
@@ -186,7 +186,7 @@ class PointProcess(nn.Module):
         previous_locations = PreviousLocations.before(events.bins, events.locations, self.settings.previous_locations)
         before = PreviousLocations(previous_locations.locations[:, :-1], previous_locations.dwell_bins[:, :-1])
         likelihood = self._log_density(at_events, from_place, before, events.locations)
-        return {"time": when, "location": -(likelihood * events.mask).sum() / events.mask.sum(), **learnt}
+        return {"time": when, "location": -(likelihood * events.mask).sum() / events.mask.sum(), **centre_losses}
 
     def clamped_log_sds(self) -> tuple[Float[Tensor, "M D"], Float[Tensor, " D"]]:
         """Clamped log standard deviations of the Gaussians and of revisits."""
