@@ -3,6 +3,7 @@
 import ast
 import os
 import re
+import runpy
 import subprocess
 import sys
 import tomllib
@@ -108,6 +109,13 @@ def test_every_stage_and_room_is_in_the_glossary_and_every_path_of_the_architect
         found = [each for each in (repository / path, repository / "src/talkingeyes" / path) if each.is_file()]
         assert found, f"{path} of docs/architecture.md does not exist"
         assert re.search(rf"\b(def|class) {name}\b", found[0].read_text()) or not name, f"{path} has no {name}"
+
+
+def test_the_figure_of_the_data_flow_has_every_stage_and_is_what_its_script_writes(repository, stages):
+    pictures = repository / "docs" / "pictures"
+    flow = runpy.run_path(str(pictures / "data_flow.py"))
+    assert set(flow["STAGES"]) == {*stages, "track"}
+    assert (pictures / "data-flow.svg").read_text() == flow["svg"]()
 
 
 def test_the_architecture_page_lists_the_animation_steps(repository):
