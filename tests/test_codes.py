@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from talkingeyes.models.layers.conditional_vae import DiagonalGaussian
 from talkingeyes.models.layers.finite_scalar import FiniteScalarQuantiser, FiniteScalarQuantiserSettings
+from talkingeyes.models.layers.gradient_quantiser import GradientQuantiser, GradientQuantiserSettings
 from talkingeyes.models.layers.kl import AnnealingSettings, annealing_weight, free_bits_kl
 from talkingeyes.models.layers.nucleus import top_p_filter
 from talkingeyes.models.layers.quantiser import Quantiser
@@ -29,6 +30,28 @@ def finite(levels: tuple[int, ...]) -> FiniteScalarQuantiser:
 def residual(depth: int, level_codes: int = 8) -> ResidualQuantiserSettings:
     shared = {"width": 6, "commitment": 0.25, "decay": 0.9, "restart_below": 0.05}
     return ResidualQuantiserSettings(kind="residual", depth=depth, level_codes=level_codes, **shared)  # type: ignore[arg-type]
+
+
+def test_a_codebook_by_gradient_approaches_its_latents_alone() -> None:
+    """Eq. 7: the second term moves the codes, the third the latents, and unused latents neither."""
+    torch.manual_seed(0)
+    quantiser = GradientQuantiser(
+        GradientQuantiserSettings(kind="gradient_codebook", codes=4, width=3, commitment=0.25)
+    )
+    latents = torch.randn(2, 5, 3, requires_grad=True)
+    used = torch.tensor([[True] * 5, [False] * 5])
+    found = quantiser(latents, used)
+    expected = (latents[0] - quantiser.codebook[found.indices[0]]).square().mean()
+    torch.testing.assert_close(found.codebook_error, expected)
+    torch.testing.assert_close(found.commitment, expected)
+    found.codebook_error.backward()
+    assert latents.grad is None
+    assert set(torch.nonzero(quantiser.codebook.grad.abs().sum(1)).flatten().tolist()) == set(found.indices[0].tolist())
+    quantiser.codebook.grad = None
+    quantiser(latents, used).commitment.backward()
+    assert quantiser.codebook.grad is None
+    assert (latents.grad[0] != 0).all()
+    assert (latents.grad[1] == 0).all()
 
 
 @hypothesis_settings(max_examples=25, deadline=None)

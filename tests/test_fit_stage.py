@@ -14,6 +14,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, shard_path
+from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.fitting.motion_style import load_speakers
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Workspace
@@ -103,4 +104,5 @@ def test_nothing_to_fit_is_one_line_error_without_output(tmp_path: Path, reposit
 
 @pytest.mark.parametrize("variant", ["default", "adam", "paper", "tiny", "video"])
 def test_each_variant_of_the_section_is_valid(variant: str):
-    assert compose([f"fit={variant}"])["fit"]["lightgazefit"]["symmetry"] == 0.01
+    settings = FitSettings.model_validate(compose([f"fit={variant}"])["fit"])
+    assert settings.lightgazefit.weights == (1e-4, 1e-2)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
 from talkingeyes.core.rotation import angles_to_gaze, eye_in_head, gaze_in_space, gaze_to_angles, rotvec_to_direction
+from talkingeyes.core.settings import validate_section
 from talkingeyes.fitting.accuracy import FitReference
 from talkingeyes.fitting.blink import blink_rate_distribution, eye_aspect_ratio, find_blinks, fit_lids
 from talkingeyes.fitting.clip import FitSettings, fit_clip
@@ -21,7 +22,9 @@ from talkingeyes.fitting.gaps import hold_last, interpolate_gaps, runs
 from talkingeyes.fitting.head_pose import head_pose
 from talkingeyes.fitting.lightgazefit import PupilObservations, direction_and_jacobian, fit_gaze, ray_gaze, solve_newton
 from talkingeyes.fitting.smoothing import (
+    ConvolutionSettings,
     PiecewiseConstantSettings,
+    convolve_motion,
     find_bursts,
     smooth_gaze,
     smooth_version,
@@ -201,6 +204,28 @@ def test_bounded_least_squares_has_the_optimality_of_its_bounds():
     assert (gradient[found == 1] <= 1e-9).all()
     assert inside.any()
     assert (~inside).any()
+
+
+def test_paper_holds_the_eyes_over_a_blink_and_convolves_everything():
+    rng = np.random.default_rng(0)
+    motion = Motion.of(FPS, rng.normal(0, 0.1, (60, 3)), rng.normal(0, 0.1, (60, 2, 3)), jaw=rng.random((60, 3)))
+    seen = np.ones((60, 2), bool)
+    seen[20:30] = False
+    lost = motion.gaze.copy()
+    lost[20:30] = 5.0
+    narrow = convolve_motion(replace(motion, gaze=lost), seen, ConvolutionSettings(kind="convolution", sigma_s=1e-3))
+    np.testing.assert_allclose(narrow.gaze[20:30], np.tile(motion.gaze[19], (10, 1, 1)), atol=1e-6)
+    np.testing.assert_allclose(narrow.head, motion.head, atol=1e-6)
+    wide = convolve_motion(motion, np.ones((60, 2), bool), ConvolutionSettings(kind="convolution", sigma_s=0.08))
+    for before, after in ((motion.head, wide.head), (motion.gaze, wide.gaze), (motion.jaw, wide.jaw)):
+        assert np.diff(after, axis=0).std() < 0.3 * np.diff(before, axis=0).std()
+
+
+def test_weights_of_eq_1_are_refused_where_they_do_not_act():
+    with pytest.raises(InputError, match=r"symmetry should be null for solver=listing, got 0\.1"):
+        validate_section("fit", FitSettings, compose(["fit.lightgazefit.symmetry=0.1"])["fit"])
+    with pytest.raises(InputError, match="regularisation should be a number for solver=newton, got None"):
+        validate_section("fit", FitSettings, compose(["fit.lightgazefit.solver=newton"])["fit"])
 
 
 def test_newton_reaches_at_least_adams_objective(settings: FitSettings):

@@ -94,6 +94,17 @@ MEMBERS = {
     "regression_noise": Member("regression", {"history": NOISE}),
     "regression_scheduled": Member("regression", {"history": SCHEDULED}),
     "regression_free": Member("regression", {"history": {"kind": "free_running", "truncation_frames": 8}}),
+    "regression_free_untruncated": Member(
+        "regression", {"history": {"kind": "free_running", "truncation_frames": None}}
+    ),
+    "regression_whole": Member(
+        "regression",
+        {
+            "transformer": TRANSFORMER | {"lookback": None},
+            "condition_lookback": None,
+            "condition_lookahead": None,
+        },
+    ),
     "regression_fsq": Member("regression", quantiser=FSQ),
     "regression_residual": Member("regression", quantiser=RESIDUAL),
     "vae_annealed": Member("vae", {"kl": {"annealing": {"shape": "linear", "steps": 10}, "free_bits": 0.0}}),
@@ -110,6 +121,7 @@ def codebook(patch: int, tolerance: float | None, quantiser: dict[str, Any] = CO
                 "signal": "eye_in_head" if patch == 1 else "gaze_in_space",
                 "frames_per_code": patch,
                 "stay_tolerance_deg": tolerance,
+                "norm": "standardised_mean",
                 "quantiser": quantiser,
                 "encoder": TRANSFORMER,
                 "decoder": TRANSFORMER,
@@ -134,7 +146,7 @@ def model(kind: str, head_frames: int | None = 25, head_mix: dict[str, float] = 
             parts=("head", "gaze"),
             tokenizer=None,
             speech={"channels": None, "width": 12, "layers": 2, "dropout": 0.0, "channel_dropout": 0.0},
-            head=VAE | {"kind": "vae", "latent_frames": head_frames},
+            head=VAE | {"kind": "vae", "norm": "standardised_mean", "latent_frames": head_frames},
             gaze={"kind": member.kind, **GAZE[member.kind], **member.changes},
             conditions=(),
             head_mix=head_mix,

@@ -1,6 +1,7 @@
 """Training loop, windows, free-running statistics, codebooks, joint models, baselines: learning and reproducibility."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -75,13 +76,26 @@ def test_the_loop_keeps_the_weights_of_the_best_score() -> None:
 
 def test_windows_are_cut_anywhere_and_short_clips_are_refused() -> None:
     clips = recordings(4, seed=3)
-    drawn = MotionWindowDataset(clips, WindowSettings(frames=50, mirror=False), seed=0).sample_batch(64)
+    drawn = MotionWindowDataset(clips, WindowSettings(frames=50, mirror=False), seed=0).sample_batch(64, 1)
     assert drawn.head.shape == (64, 50, 3)
     starts = {int(np.flatnonzero((c.head == window[0].numpy()).all(1))[0]) for window in drawn.head for c in clips
               if (c.head == window[0].numpy()).all(1).any()}  # fmt: skip
     assert len(starts) > 20
     with pytest.raises(InputError, match="at most 210"):
         MotionWindowDataset(clips, WindowSettings(frames=500, mirror=False), seed=0)
+
+
+def test_whole_clips_come_once_an_epoch_and_alone() -> None:
+    clips = [replace(each, head=each.head + index) for index, each in enumerate(recordings(5, seed=3))]
+    settings = WindowSettings(frames=None, mirror=False)
+    dataset = MotionWindowDataset(clips, settings, seed=0)
+    epochs = [[dataset.sample_batch(1, 5 * epoch + step).head[0] for step in range(1, 6)] for epoch in range(2)]
+    orders = [[round(float(each.mean())) for each in epoch] for epoch in epochs]
+    assert all(sorted(order) == [0, 1, 2, 3, 4] for order in orders)
+    assert orders[0] != orders[1]
+    assert [len(each) for each in epochs[0]] == [len(clips[index]) for index in orders[0]]
+    with pytest.raises(InputError, match=r"loop.batch: should be 1 for whole clips \(windows.frames=null\), got 8"):
+        dataset.sample_batch(8, 1)
 
 
 def test_statistics_use_one_scale_and_ignore_constant_numbers() -> None:
@@ -115,6 +129,7 @@ def tokenizer(patch: int, **changes: Any) -> GazeTokenizerSettings:
                 "signal": "gaze_in_space" if patch > 1 else "eye_in_head",
                 "frames_per_code": patch,
                 "stay_tolerance_deg": 1.0 if patch > 1 else None,
+                "norm": "standardised_mean",
                 "quantiser": {
                     "kind": "codebook",
                     "codes": 32,
@@ -164,7 +179,7 @@ def translation(kind: str, **changes: Any) -> MotionTaskSettings:
             "parts": ["head", "gaze"],
             "tokenizer": None,
             "speech": {"channels": ["2", "0", "1"], "width": 12, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0},
-            "head": {"kind": "vae", **VAE},
+            "head": {"kind": "vae", "norm": "standardised_mean", **VAE},
             "gaze": {"kind": kind, **GAZE[kind]},
             "conditions": [],
             "init_from": None,

@@ -1,9 +1,10 @@
 """Fit one clip: face identity, head pose, LightGazeFit, blinks, gaze over blinks, smoothing (paper, III-B, III-C).
 
 The head is fitted and smoothed first, because gaze is fitted relative to it and jitter of the head would move the eyes.
-The paper holds the eye pose over a blink at the last open-eye state. Here the last open-eye gaze in space is held and
-the eyes counter-rotate the head (vestibulo-ocular reflex); otherwise each blink during a head movement would end in a
-jump of gaze. If gaze differs after the blink, the shift is placed at the start of the blink (`fixation_segmentation`).
+The paper holds the eye pose over a blink at the last open-eye state (smoothing `convolution`). By default, the last
+open-eye gaze in space is held and the eyes counter-rotate the head (vestibulo-ocular reflex); otherwise each blink
+during a head movement would end in a jump of gaze. If gaze differs after the blink, the shift is placed at the start of
+the blink (`fixation_segmentation`).
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from talkingeyes.fitting.face_identity import FaceIdentity, FaceIdentitySettings
 from talkingeyes.fitting.gaps import interpolate_gaps, runs
 from talkingeyes.fitting.head_pose import HeadPose, HeadPoseSettings, head_pose
 from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, PupilObservations, Solution, fit_gaze
-from talkingeyes.fitting.smoothing import SmoothingSettings, smooth_gaze
+from talkingeyes.fitting.smoothing import ConvolutionSettings, SmoothingSettings, convolve_motion, smooth_gaze
 from talkingeyes.head.observation import Observation
 
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -99,17 +100,17 @@ def fit_clip(observation: Observation, settings: FitSettings) -> FitResult:
     shown_eyes = seen & open_[:, None]
     clip_eyes = eye_calibration(gaze, raw.head, shown_eyes, raw.fps, settings.eye_calibration)
     gaze = clip_eyes.apply(gaze, np.asarray(shown_eyes.all(axis=1)))
-    space = smooth_gaze(gaze_in_space(raw.head, gaze), shown_eyes, raw.fps, settings.smoothing)
     shown = fit_expression(observation.landmarks, pose, who.face, camera, settings.face)
     motion = replace(
         raw,
-        gaze=limit_to_range(eye_in_head(raw.head, space), settings.oculomotor_range),
+        gaze=gaze,
         lid=eyelids.lid,
         jaw=shown.jaw,
         expression=shown.expression,
         expression_names=shown.names,
         valid=pose.seen & ~_long_gaps(open_, settings.reject.max_gap_s * raw.fps),
     )
+    motion = _smoothed(motion, shown_eyes, settings)
     return FitResult(
         motion,
         raw,
@@ -119,6 +120,18 @@ def fit_clip(observation: Observation, settings: FitSettings) -> FitResult:
         solution,
         rejection_reason(motion, pose, visible | eyelids.blinking, settings.reject),
     )
+
+
+def _smoothed(motion: Motion, seen: Bool[ndarray, "T 2"], settings: FitSettings) -> Motion:
+    """The motion with smoothed gaze, within the range of the eyes; the paper's convolution smooths head and face as
+    well."""
+    if isinstance(settings.smoothing, ConvolutionSettings):
+        motion = convolve_motion(motion, seen, settings.smoothing)
+        gaze = motion.gaze
+    else:
+        space = smooth_gaze(gaze_in_space(motion.head, motion.gaze), seen, motion.fps, settings.smoothing)
+        gaze = eye_in_head(motion.head, space)
+    return replace(motion, gaze=limit_to_range(gaze, settings.oculomotor_range))
 
 
 def rejection_reason(motion: Motion, pose: HeadPose, known: Bool[ndarray, " T"], settings: RejectSettings) -> str:

@@ -104,7 +104,7 @@ def evaluate_fit(
 
 def with_adam(settings: FitSettings) -> FitSettings:
     """Copy the settings with the paper's solver."""
-    return settings.model_copy(update={"lightgazefit": settings.lightgazefit.model_copy(update={"solver": "adam"})})
+    return settings.model_copy(update={"lightgazefit": settings.lightgazefit.with_adam()})
 
 
 def blink_frames(events: Events, frames: int, fps: float) -> Bool[ndarray, " T"]:

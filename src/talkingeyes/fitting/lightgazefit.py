@@ -18,26 +18,23 @@ it: without torsion, two parameters per eye match the two image coordinates exac
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from talkingeyes.core.rotation import direction_to_rotvec, rotvec_to_direction, rotvec_to_matrix
-from talkingeyes.core.settings import Settings
+from talkingeyes.core.settings import Settings, bounds_error
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.landmarks import EYE_CENTRES, PUPIL_OFFSET_M
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 Positive = Annotated[float, Field(gt=0)]
 DIAGONAL = np.arange(6)
 BLOCK_FRAMES = 4096  # frames solved together
+PAPER_REGULARISATION, PAPER_SYMMETRY = 1e-4, 1e-2  # lambda_1 and lambda_2 of eq. 1
 SMALL_RAD = 1e-4  # below it, sin a / a and similar terms are evaluated at this angle (error 1e-9)
 
 
@@ -59,14 +56,35 @@ class AdamSettings(Settings):
 
 
 class LightGazeFitSettings(Settings):
-    """Weights of eq. 1, pixels per unit of y, and the solver."""
+    """Solver, weights of eq. 1 (null for `listing`, which has none), and pixels per unit of y."""
 
     solver: Literal["newton", "adam", "listing"]
-    regularisation: Annotated[float, Field(gt=0)]
-    symmetry: Annotated[float, Field(ge=0)]
+    regularisation: Annotated[float, Field(gt=0)] | None
+    symmetry: Annotated[float, Field(ge=0)] | None
     unit_px: Positive
     newton: NewtonSettings
     adam: AdamSettings
+
+    @model_validator(mode="after")
+    def _weights_act(self) -> LightGazeFitSettings:
+        for name in ("regularisation", "symmetry"):
+            if (getattr(self, name) is None) != (self.solver == "listing"):
+                bound = "null" if self.solver == "listing" else "a number"
+                raise bounds_error(f"{name} should be {bound} for solver={self.solver}", getattr(self, name))
+        return self
+
+    def with_adam(self) -> LightGazeFitSettings:
+        """The paper's solver, with the weights of these settings or the paper's."""
+        regularisation, symmetry = self.weights
+        return self.model_copy(update={"solver": "adam", "regularisation": regularisation, "symmetry": symmetry})
+
+    @property
+    def weights(self) -> tuple[float, float]:
+        """Weights of eq. 1 in the reported objective; the paper's for `listing`."""
+        return (
+            PAPER_REGULARISATION if self.regularisation is None else self.regularisation,
+            PAPER_SYMMETRY if self.symmetry is None else self.symmetry,
+        )
 
 
 @dataclass(frozen=True)
@@ -218,12 +236,13 @@ class _Problem:
     def of(cls, observations: PupilObservations, settings: LightGazeFitSettings) -> _Problem:
         turn = rotvec_to_matrix(observations.head)
         eye, both = np.eye(3), np.array([[1.0, -1.0], [-1.0, 1.0]])
+        regularisation, symmetry = settings.weights
         return cls(
             turn=turn,
             centres=EYE_CENTRES @ turn.swapaxes(1, 2) + observations.translation[:, None],
             pupils=np.nan_to_num(observations.pupils),
             seen=observations.seen[..., None].astype(np.float64),
-            prior=settings.regularisation * np.eye(6) + settings.symmetry * np.kron(both, eye),
+            prior=regularisation * np.eye(6) + symmetry * np.kron(both, eye),
             camera=observations.camera,
             unit_px=settings.unit_px,
         )
@@ -285,50 +304,22 @@ def direction_and_jacobian(gaze: Float[ndarray, "*N 3"]) -> tuple[Float[ndarray,
 
 
 def solve_adam(observations: PupilObservations, settings: LightGazeFitSettings) -> Solution:
-    """Fit gaze as in the paper: Adam over all frames of the clip at once, from zero."""
+    """Fit gaze as in the paper: Adam over all frames of the clip at once, from zero, with the analytic gradient."""
     import torch
 
-    adam = settings.adam
-    state = torch.zeros(len(observations.head), 2, 3, dtype=torch.float64, requires_grad=True)
+    adam, problem = settings.adam, _Problem.of(observations, settings)
+    state = torch.zeros(len(observations.head), 2, 3, dtype=torch.float64)
+    gaze = state.numpy()  # shares memory with the state
     optimiser = torch.optim.Adam([state], lr=adam.learning_rate)
-    objective = _torch_objective(observations, settings)
     earlier, step = float("inf"), 0
     while step < adam.steps:
-        optimiser.zero_grad()
-        value = objective(state).sum()
+        terms = problem.linearise(gaze)
         if step % adam.patience == 0:
-            if earlier - value.item() < adam.tolerance * earlier and step:
+            value = float(terms.objective.sum())
+            if earlier - value < adam.tolerance * earlier and step:
                 break
-            earlier = value.item()
-        value.backward()
+            earlier = value
+        state.grad = torch.from_numpy(2.0 * terms.gradient).view_as(state)
         optimiser.step()
         step += 1
-    with torch.no_grad():
-        return Solution(state.numpy().copy(), objective(state).numpy(), step)
-
-
-def _torch_objective(observations: PupilObservations, settings: LightGazeFitSettings) -> Callable[[Tensor], Tensor]:
-    """Eq. 1 of each frame as a function of the rotation vectors (T, 2, 3)."""
-    import torch
-
-    camera, turn = observations.camera, rotvec_to_matrix(observations.head)
-    rotation = torch.from_numpy(turn)[:, None]
-    centres = torch.from_numpy(np.einsum("tij,ej->tei", turn, EYE_CENTRES) + observations.translation[:, None])
-    pupils = torch.from_numpy(np.nan_to_num(observations.pupils))
-    weight = torch.from_numpy(observations.seen[..., None] / settings.unit_px)
-    middle = torch.tensor(camera.centre_px, dtype=torch.float64)
-
-    def objective(gaze: Tensor) -> Tensor:
-        squared = gaze.square().sum(-1)
-        angle = squared.clamp_min(SMALL_RAD**2).sqrt()
-        s, c = angle.sin() / angle, (1 - angle.cos()) / angle**2
-        x, y, z = gaze.unbind(-1)
-        looking = torch.stack([y * s + x * z * c, -x * s + y * z * c, 1 - (x * x + y * y) * c], dim=-1)
-        points = centres + PUPIL_OFFSET_M * (rotation @ looking[..., None])[..., 0]
-        scale = camera.focal_px / (camera.distance_m - points[..., 2:])
-        projected = middle + scale * torch.cat([points[..., :1], -points[..., 1:2]], dim=-1)
-        centre = ((projected - pupils) * weight).square().sum((1, 2))
-        difference = (gaze[:, 0] - gaze[:, 1]).square().sum(-1)
-        return centre + settings.regularisation * squared.sum(-1) + settings.symmetry * difference
-
-    return objective
+    return Solution(gaze.copy(), problem.value(gaze), step)

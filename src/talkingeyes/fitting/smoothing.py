@@ -1,10 +1,10 @@
-"""Temporal smoothing of fitted gaze. All methods work on gaze in space, (yaw, pitch) of both eyes.
+"""Temporal smoothing of fitted gaze. All methods but the paper's work on gaze in space, (yaw, pitch) of both eyes.
 
 Gaze in space is still between saccades, because the eyes counter-rotate the head. The eyes are conjugate: their mean
 direction is smoothed by one of
 
-    none        no smoothing, as in the paper; white noise of 0.3 px makes eyes move three to seven times too fast
-    gaussian    the paper's remedy, a temporal convolution: halves the peak speed of saccades
+    none        no smoothing; white noise of 0.3 px makes eyes move three to seven times too fast
+    gaussian    a temporal convolution: halves the peak speed of saccades
     quadratic   minimises sum of |x_t - y_t|^2 + weight |x_t - x_t-1|^2 (Whittaker 1923): the same, but sharper
     steps       the L0 gradient term: keeps steps, each one frame long (`fixation_segmentation.piecewise_constant`)
     saccades    the same with a main-sequence saccade in place of each step (`fixation_segmentation.insert_saccades`)
@@ -12,10 +12,14 @@ direction is smoothed by one of
 Their difference (vergence and the axes of the eyes) changes slowly and is smoothed by a wide Gaussian. For steps and
 saccades, the residual within fixations is smoothed by a Gaussian and added back, so that drift and pursuit remain. In
 frames without visible gaze it is held; only `saccades` starts a gaze shift hidden by a blink at the start of the blink.
+
+`convolution` is the paper's post-processing (section III-B.4) of a whole motion: eye-in-head is held over blinks, then
+head, eyes and face are each convolved in time. The paper does not print its kernel; here it is a Gaussian.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Literal, assert_never
 
 import numpy as np
@@ -25,6 +29,7 @@ from pydantic import Field
 from scipy.linalg import solveh_banded
 from scipy.ndimage import gaussian_filter1d
 
+from talkingeyes.core.motion import Motion
 from talkingeyes.core.settings import Settings
 from talkingeyes.fitting.fixation_segmentation import insert_saccades, noise_variance, piecewise_constant
 from talkingeyes.fitting.gaps import hold_last, interpolate_gaps, runs
@@ -79,13 +84,36 @@ class PiecewiseConstantSettings(Settings):
     burst: BurstSettings
 
 
-SmoothingSettings = Annotated[
-    NoSmoothing | GaussianSettings | QuadraticSettings | PiecewiseConstantSettings, Field(discriminator="kind")
-]
+class ConvolutionSettings(Settings):
+    """The paper's temporal convolution of head, eyes and face; sigma of the Gaussian in seconds."""
+
+    kind: Literal["convolution"]
+    sigma_s: Positive
+
+
+GazeInSpaceSettings = NoSmoothing | GaussianSettings | QuadraticSettings | PiecewiseConstantSettings
+SmoothingSettings = Annotated[GazeInSpaceSettings | ConvolutionSettings, Field(discriminator="kind")]
+
+
+def convolve_motion(motion: Motion, seen: Bool[ndarray, "T 2"], settings: ConvolutionSettings) -> Motion:
+    """The paper's post-processing: hold the eye-in-head rotation of an eye that is not `seen`, then convolve."""
+    held = np.stack([hold_last(motion.gaze[:, eye], seen[:, eye]) for eye in range(2)], axis=1)
+
+    def convolved(values: Float[ndarray, "T C"]) -> Float[ndarray, "T C"]:
+        return np.asarray(gaussian_filter1d(values, settings.sigma_s * motion.fps, axis=0, mode="nearest"))
+
+    return replace(
+        motion,
+        head=convolved(motion.head),
+        translation=convolved(motion.translation),
+        gaze=convolved(held.reshape(-1, 6)).reshape(-1, 2, 3),
+        jaw=convolved(motion.jaw),
+        expression=convolved(motion.expression),
+    )
 
 
 def smooth_gaze(
-    gaze_in_space_rad: Float[ndarray, "T 2 2"], seen: Bool[ndarray, "T 2"], fps: float, settings: SmoothingSettings
+    gaze_in_space_rad: Float[ndarray, "T 2 2"], seen: Bool[ndarray, "T 2"], fps: float, settings: GazeInSpaceSettings
 ) -> Float[ndarray, "T 2 2"]:
     """Smooth (yaw, pitch) of gaze in space of both eyes; gaze is held in frames where neither eye is `seen`."""
     if isinstance(settings, NoSmoothing):

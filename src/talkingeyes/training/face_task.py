@@ -63,7 +63,7 @@ class FaceTask:
 
     def losses(self, step: int) -> dict[str, Tensor]:
         """Eq. 5 on a batch."""
-        return self.module.loss_terms(self.windows.sample_batch(self.settings.loop.batch))
+        return self.module.loss_terms(self.windows.sample_batch(self.settings.loop.batch, step))
 
     def validate(self) -> dict[str, float]:
         """Energy score of faces of the validation clips; the validation score is its negative."""

@@ -81,7 +81,7 @@ class FaceTokenizerTask:
 
     def losses(self, step: int) -> dict[str, Tensor]:
         """Eq. 4 on a batch."""
-        face = self.windows.sample_batch(self.settings.loop.batch).face.to(self._device)
+        face = self.windows.sample_batch(self.settings.loop.batch, step).face.to(self._device)
         loss_terms = self.module.loss_terms(face)
         return {"total": sum(weight * loss_terms[name] for name, weight in self.settings.weights.items()), **loss_terms}
 
@@ -93,7 +93,7 @@ class FaceTokenizerTask:
     @torch.no_grad()
     def fit_latent_statistics(self) -> None:
         """Fit the statistics of the latents to training faces, after the loop."""
-        self.module.fit_latent_statistics(self.windows.sample_batch(STATISTICS_WINDOWS).face.to(self._device))
+        self.module.fit_latent_statistics(self.windows.sample_batch(STATISTICS_WINDOWS, step=1).face.to(self._device))
 
     @torch.no_grad()
     def error(self, recordings: Sequence[FaceRecording]) -> FaceReconstructionError:

@@ -54,9 +54,10 @@ class FaceWindowDataset:
         self.window_sampler = WindowSampler(np.array([len(recording) for recording in recordings]), settings, seed)
         self.rng = self.window_sampler.rng
 
-    def sample_batch(self, batch: int) -> FaceBatch:
-        """Sample a batch of windows."""
-        speech, style, face = zip(*map(self._slice_window, self.window_sampler.sample_batch(batch)), strict=True)
+    def sample_batch(self, batch: int, step: int) -> FaceBatch:
+        """Sample the batch of a step (from 1)."""
+        windows = self.window_sampler.sample_batch(batch, step)
+        speech, style, face = zip(*map(self._slice_window, windows), strict=True)
         return FaceBatch(*(torch.from_numpy(np.stack(part)) for part in (speech, style, face)))
 
     def _slice_window(self, window: Window) -> tuple[ndarray, ...]:

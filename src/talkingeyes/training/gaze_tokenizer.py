@@ -19,6 +19,7 @@ from talkingeyes.models.gaze.gaze_signal import to_signal, to_signal_tensor
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.layers import distributed
 from talkingeyes.models.layers.quantiser import perplexity
+from talkingeyes.models.losses import sum_if_printed
 from talkingeyes.training.loop import LoopSettings
 from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, motion_statistics
 
@@ -67,8 +68,8 @@ class GazeTokenizerTask:
         self.module.normalise_by(torch.from_numpy(measured.mean), measured.scale)
 
     def losses(self, step: int) -> dict[str, Tensor]:
-        """Eq. 7 on a batch; the codebook term is minimised by the moving average of the quantiser."""
-        batch = self.windows.sample_batch(self.settings.loop.batch)
+        """Eq. 7 on a batch; a codebook of moving averages minimises the codebook term itself."""
+        batch = self.windows.sample_batch(self.settings.loop.batch, step)
         signal = self._whole(to_signal_tensor(self.settings.network.signal, batch.head, batch.gaze))
         stay = stay_mask(self.module, signal)
         reconstruction = self.module(signal, stay)
@@ -77,9 +78,15 @@ class GazeTokenizerTask:
         mean_error = error.square().sum() / (
             distributed.all_reduce_mean(moving.sum().float()).clamp(min=1) * signal.shape[-1]
         )
-        commitment = reconstruction.quantised.commitment
-        beta = self.settings.network.quantiser.commitment
-        return {"total": mean_error + beta * commitment, "reconstruction": mean_error, "commitment": commitment}
+        network, codes = self.settings.network, reconstruction.quantised
+        fitted = sum_if_printed(mean_error, signal, network.norm)
+        commitment = sum_if_printed(codes.commitment, codes.values, network.norm)
+        codebook_error = sum_if_printed(codes.codebook_error, codes.values, network.norm)
+        return {
+            "total": fitted + codebook_error + network.quantiser.commitment * commitment,
+            "reconstruction": fitted,
+            "commitment": commitment,
+        }
 
     def validate(self) -> dict[str, float]:
         """Error on val clips; the validation score is its negative."""

@@ -34,7 +34,8 @@ class LoopSettings(Settings):
     learning_rate: Annotated[float, Field(gt=0, lt=1)]
     schedule: Literal["constant", "one-cycle"]
     weight_decay: Annotated[float, Field(ge=0)]
-    clip_norm: Annotated[float, Field(gt=0)]
+    # Largest norm of the gradient; null: not clipped.
+    clip_norm: Annotated[float, Field(gt=0)] | None
     # Steps between two validations; the paper's epochs, counted in steps.
     validate_every: Annotated[int, Field(gt=0)]
 
@@ -147,7 +148,8 @@ class _Optimiser:
             group["lr"] = _learning_rate(self.settings, step)
         self.adam.zero_grad(set_to_none=True)
         loss.backward()
-        nn.utils.clip_grad_norm_(self.weights, self.settings.clip_norm)
+        if self.settings.clip_norm is not None:
+            nn.utils.clip_grad_norm_(self.weights, self.settings.clip_norm)
         self.adam.step()
 
 

@@ -93,7 +93,7 @@ class MotionTask:
     def losses(self, step: int) -> dict[str, Tensor]:
         """Eq. 15 on a batch."""
         set_trained_steps(self.module, step - 1)
-        return self.module.loss_terms(self.windows.sample_batch(self.settings.loop.batch))
+        return self.module.loss_terms(self.windows.sample_batch(self.settings.loop.batch, step))
 
     def validate(self) -> dict[str, float]:
         """Free running on the validation clips; the score is the negative distance to the statistics of the truth."""

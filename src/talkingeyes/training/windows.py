@@ -25,8 +25,8 @@ from talkingeyes.training.conditioning import ConditioningProvider, WindowInputs
 class WindowSettings(Settings):
     """Settings of training windows."""
 
-    # Frames of a window.
-    frames: Annotated[int, Field(gt=1)]
+    # Frames of a window; null: whole clips, each once an epoch in random order, with a batch of 1.
+    frames: Annotated[int, Field(gt=1)] | None
     # Mirror half of the windows (swap left and right). People do not differ by side, and it doubles the data.
     mirror: bool
 
@@ -58,27 +58,39 @@ class Window:
 
 
 class WindowSampler:
-    """Samples windows of clips of given lengths, in proportion to length. Clips shorter than a window are excluded."""
+    """Samples windows of clips of given lengths, in proportion to length, or whole clips in epochs. Clips shorter than
+    a window are excluded."""
 
     def __init__(self, lengths: Int[ndarray, " M"], settings: WindowSettings, seed: int) -> None:
         """Raises InputError if no clip is long enough."""
-        self.settings, self.rng, self.frames = settings, np.random.default_rng(seed), lengths
-        self.long_enough = np.flatnonzero(lengths >= settings.frames)
+        self.settings, self.seed, self.frames = settings, seed, lengths
+        self.rng = np.random.default_rng(seed)
+        self.long_enough = np.flatnonzero(lengths >= (settings.frames or 2))
         if not len(self.long_enough):
             raise InputError(
                 f"windows.frames: should be at most {lengths.max()} (the longest training clip), got {settings.frames}"
             )
         self.probabilities = lengths[self.long_enough] / lengths[self.long_enough].sum()
 
-    def sample_batch(self, batch: int) -> list[Window]:
-        """Sample a batch of windows. All processes sample the same batch and take their own rows."""
-        chosen = self.rng.choice(self.long_enough, batch, p=self.probabilities)
+    def sample_batch(self, batch: int, step: int) -> list[Window]:
+        """Sample the batch of a step (from 1). All processes sample the same batch and take their own rows.
+
+        Raises InputError for more than one whole clip.
+        """
+        if self.settings.frames is not None:
+            chosen = self.rng.choice(self.long_enough, batch, p=self.probabilities)
+        elif batch == 1:
+            epoch, place = divmod(step - 1, len(self.long_enough))
+            chosen = np.random.default_rng((self.seed, epoch)).permutation(self.long_enough)[[place]]
+        else:
+            raise InputError(f"loop.batch: should be 1 for whole clips (windows.frames=null), got {batch}")
         return distributed.local_rows([self._sample_window(int(index)) for index in chosen])
 
     def _sample_window(self, index: int) -> Window:
-        start = int(self.rng.integers(self.frames[index] - self.settings.frames + 1))
+        length = self.settings.frames or int(self.frames[index])
+        start = int(self.rng.integers(self.frames[index] - length + 1))
         mirrored = self.settings.mirror and self.rng.random() < 0.5
-        return Window(index, slice(start, start + self.settings.frames), mirrored)
+        return Window(index, slice(start, start + length), mirrored)
 
 
 class MotionWindowDataset:
@@ -95,12 +107,12 @@ class MotionWindowDataset:
         self.window_sampler = WindowSampler(np.array([len(recording) for recording in recordings]), settings, seed)
         self.rng = self.window_sampler.rng
 
-    def sample_batch(self, batch: int) -> MotionBatch:
-        """Sample a batch of windows."""
-        window_sampler = self.window_sampler.sample_batch(batch)
-        speech, head, gaze = zip(*map(self._slice_window, window_sampler), strict=True)
+    def sample_batch(self, batch: int, step: int) -> MotionBatch:
+        """Sample the batch of a step (from 1)."""
+        windows = self.window_sampler.sample_batch(batch, step)
+        speech, head, gaze = zip(*map(self._slice_window, windows), strict=True)
         conditioning = (
-            collate_inputs([self._conditioning(self.conditioning_provider, each) for each in window_sampler])
+            collate_inputs([self._conditioning(self.conditioning_provider, each) for each in windows])
             if self.conditioning_provider
             else NO_CONDITIONING
         )

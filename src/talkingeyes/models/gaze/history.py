@@ -48,8 +48,8 @@ class FreeRunning(Settings):
     """The decoder's own output, frame by frame. A training step costs as many passes as a window has frames."""
 
     kind: Literal["free_running"]
-    # Truncation of backpropagation through time.
-    truncation_frames: Annotated[int, Field(gt=0)]
+    # Truncation of backpropagation through time; null: none.
+    truncation_frames: Annotated[int, Field(gt=0)] | None
 
 
 # Sampled codes have no gradient, so a decoder of codes does not support `free_running`.

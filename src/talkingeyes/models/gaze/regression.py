@@ -39,9 +39,9 @@ class RegressionGazeSettings(ComponentSettings):
 
     kind: Literal["regression"]
     transformer: TransformerSettings
-    # Numbers of condition frames before and after its own that cross-attention uses.
-    condition_lookback: Annotated[int, Field(ge=0)]
-    condition_lookahead: Annotated[int, Field(ge=0)]
+    # Numbers of condition frames before and after its own that cross-attention uses; null: all (1:T of eq. 9).
+    condition_lookback: Annotated[int, Field(ge=0)] | None
+    condition_lookahead: Annotated[int, Field(ge=0)] | None
     # The history used in training.
     history: HistorySettings
 
@@ -92,11 +92,13 @@ class RegressionGaze(nn.Module):
         else:
             made = self._predict(self._training_history(past, memory), memory)
         predicted = self._normal(made.signal)
+        norm = self.codebook.settings.norm
+        regularity = F.mse_loss(self.codebook.quantiser.to_code_space(made.features), made.codes)
         return {
-            "gaze_reconstruction": losses.reconstruction(predicted, true),
-            "gaze_velocity": losses.velocity(predicted, true),
-            "gaze_regularity": F.mse_loss(self.codebook.quantiser.to_code_space(made.features), made.codes),
-            "copy_last_frame": losses.reconstruction(past, true).detach(),
+            "gaze_reconstruction": losses.reconstruction(predicted, true, norm),
+            "gaze_velocity": losses.velocity(predicted, true, norm),
+            "gaze_regularity": losses.sum_if_printed(regularity, made.codes, norm),
+            "copy_last_frame": losses.reconstruction(past, true, norm).detach(),
         }
 
     @torch.no_grad()

@@ -23,6 +23,7 @@ from talkingeyes.models.gaze.gaze_signal import SIGNAL_DIMS, SignalName
 from talkingeyes.models.layers.quantiser import QuantiserOutput
 from talkingeyes.models.layers.quantiser_factory import AnyQuantiserSettings, make_quantiser
 from talkingeyes.models.layers.transformer import Cache, CausalTransformer, TransformerSettings
+from talkingeyes.models.losses import Norm
 
 
 class GazeVQVAESettings(Settings):
@@ -34,6 +35,8 @@ class GazeVQVAESettings(Settings):
     frames_per_code: Annotated[int, Field(gt=0)]
     # A patch that moves less than this (degrees) from the frame before it is a stay; null: every patch has a code.
     stay_tolerance_deg: Annotated[float, Field(gt=0)] | None
+    # Norm of the losses, here and in a decoder that regresses its features, and unit of the signal (models/losses.py).
+    norm: Norm
     quantiser: AnyQuantiserSettings
     encoder: TransformerSettings
     decoder: TransformerSettings
@@ -48,7 +51,8 @@ class Reconstruction:
 
 
 class GazeVQVAE(nn.Module):
-    """E_VQ, Q and D_VQ over signals in radians. Normalised internally: one mean per dimension, one scale for all."""
+    """E_VQ, Q and D_VQ over signals in radians. Normalised internally unless the norm is in radians: one mean per
+    dimension, one scale for all."""
 
     mean: Tensor
     scale: Tensor
@@ -86,7 +90,9 @@ class GazeVQVAE(nn.Module):
         return None if degrees is None else math.radians(degrees)
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: float) -> None:
-        """Set the statistics that normalise a signal."""
+        """Set the statistics that normalise a signal, unless it stays in radians."""
+        if self.settings.norm == "radian_sum":
+            return
         self.mean.copy_(mean)
         self.scale.fill_(scale)
 

@@ -54,7 +54,7 @@ class CausalVAEHead(nn.Module):
     def __init__(self, settings: CausalVAEHeadSettings, speech: int) -> None:
         super().__init__()
         self.settings = settings
-        size = settings.model_dump() | {"kind": "vae"}
+        size = settings.model_dump() | {"kind": "vae", "norm": "standardised_mean"}
         self.vae_head = VAEHead(VAEHeadSettings.model_validate(size), speech)
         self.vae_head.vae.decoder = CausalConvolutionStack(
             settings.latent + speech, settings.width, settings.layers, settings.dropout, lookahead=0

@@ -19,17 +19,20 @@ class VAEHeadSettings(VAESettings, ComponentSettings):
     """Settings of the VAE of the head."""
 
     kind: Literal["vae"]
+    # Norm of the loss terms, and unit of the motion: standardised, or radians as printed.
+    norm: losses.Norm
 
 
 class VAEHead(nn.Module):
-    """Generator of head rotation vectors from speech features. Normalised internally: a mean per dimension, one scale
-    for all."""
+    """Generator of head rotation vectors from speech features. Normalised internally unless its norm is in radians: a
+    mean per dimension, one scale for all."""
 
     settings_class = VAEHeadSettings
 
     def __init__(self, settings: VAEHeadSettings, speech: int) -> None:
         super().__init__()
-        self.normal = MotionNormaliser(3)
+        self.norm: losses.Norm = settings.norm
+        self.normal = MotionNormaliser(3, identity=settings.norm == "radian_sum")
         self.vae = ConditionalVAE(settings, 3, speech)
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
@@ -38,9 +41,9 @@ class VAEHead(nn.Module):
         posterior = self.vae.encode(true, speech)
         predicted = self.vae.decode(posterior.rsample(), speech)
         loss_terms = {
-            "head_reconstruction": losses.reconstruction(predicted, true),
-            "head_velocity": losses.velocity(predicted, true),
-            "head_kl": self.vae.kl_loss(posterior),
+            "head_reconstruction": losses.reconstruction(predicted, true, self.norm),
+            "head_velocity": losses.velocity(predicted, true, self.norm),
+            "head_kl": losses.sum_if_printed(self.vae.kl_loss(posterior), posterior.mean, self.norm),
         }
         return HeadPrediction(self.normal.denormalise(predicted), loss_terms)
 

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 BLOCK_FRAMES = 512  # frames
+UNLIMITED = 2**31  # frames of a window that covers any memory
 
 
 @dataclass
@@ -47,9 +48,12 @@ class WindowAttention(nn.Module):
 
     frequencies: Tensor
 
-    def __init__(self, width: int, heads: int, lookback: int, lookahead: int, dropout: float) -> None:
+    def __init__(self, width: int, heads: int, lookback: int | None, lookahead: int | None, dropout: float) -> None:
+        """`lookback` and `lookahead`: frames of the window; None: all."""
         super().__init__()
-        self.heads, self.lookback, self.lookahead, self.dropout = heads, lookback, lookahead, dropout
+        self.heads, self.dropout = heads, dropout
+        self.lookback = UNLIMITED if lookback is None else lookback
+        self.lookahead = UNLIMITED if lookahead is None else lookahead
         self.query = nn.Linear(width, width)
         self.key_value = nn.Linear(width, 2 * width)
         self.out = nn.Linear(width, width)

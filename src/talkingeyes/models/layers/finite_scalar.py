@@ -78,4 +78,5 @@ class FiniteScalarQuantiser(nn.Module):
         rounded = (bounded.detach() * self.reach).round()
         indices: Int[Tensor, "B N"] = ((rounded + self.reach).long() * self.steps).sum(-1)
         values = self.codebook[indices]
-        return QuantiserOutput(bounded + (values - bounded).detach(), indices, latents.new_zeros(()))
+        zero = latents.new_zeros(())
+        return QuantiserOutput(bounded + (values - bounded).detach(), indices, zero, zero)

@@ -8,18 +8,21 @@ from torch import Tensor, nn
 
 
 class MotionNormaliser(nn.Module):
-    """Mean and scale per dimension; the identity until they are set."""
+    """Mean and scale per dimension; the identity until they are set, or always with `identity`."""
 
     mean: Tensor
     scale: Tensor
 
-    def __init__(self, numbers: int) -> None:
+    def __init__(self, numbers: int, identity: bool = False) -> None:
         super().__init__()
+        self.identity = identity
         self.register_buffer("mean", torch.zeros(numbers))
         self.register_buffer("scale", torch.ones(numbers))
 
     def set(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"] | float) -> None:
-        """Set the statistics; `scale` may be one number for all dimensions."""
+        """Set the statistics, unless this is the identity; `scale` may be one number for all dimensions."""
+        if self.identity:
+            return
         self.mean.copy_(mean)
         self.scale.copy_(torch.as_tensor(scale))
 

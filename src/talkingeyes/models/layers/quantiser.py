@@ -1,8 +1,8 @@
 """Vector quantisation (TalkingEyes eq. 5 and 7; van den Oord et al. 2017).
 
 The codebook term of eq. 7 is minimised in closed form, by an exponential moving average of the latents assigned to each
-code (van den Oord et al. 2017, appendix A.1). By gradient, the codebook collapses to a few codes (docs/log.md). Rarely
-used codes are restarted at latents of the batch (Dhariwal et al. 2020, Jukebox).
+code (van den Oord et al. 2017, appendix A.1). `gradient_quantiser` minimises it by gradient, as printed. Rarely used
+codes are restarted at latents of the batch (Dhariwal et al. 2020, Jukebox).
 """
 
 from __future__ import annotations
@@ -37,11 +37,13 @@ class QuantiserSettings(Settings):
 
 @dataclass(frozen=True)
 class QuantiserOutput:
-    """Codes of latents. `values` have a straight-through gradient; `commitment` is the last term of eq. 7."""
+    """Codes of latents. `values` have a straight-through gradient; `commitment` is the last term of eq. 7, and
+    `codebook_error` the one before it: 0 for codes that are not learned by gradient."""
 
     values: Float[Tensor, "*N C"]
     indices: Int[Tensor, "*N"]
     commitment: Float[Tensor, ""]
+    codebook_error: Float[Tensor, ""]
 
 
 class Quantiser(nn.Module):
@@ -122,13 +124,18 @@ def quantise(codes: Codebook, latents: Float[Tensor, "B N C"], mask: Bool[Tensor
     with torch.autocast(latents.device.type, enabled=False):
         indices = codes.distances(latents.detach()).argmin(-1)
     values = codes.codebook[indices]
+    commitment = mean_error(latents, values.detach(), mask)
+    return QuantiserOutput(latents + (values - latents).detach(), indices, commitment, latents.new_zeros(()))
+
+
+def mean_error(
+    latents: Float[Tensor, "B N C"], values: Float[Tensor, "B N C"], mask: Bool[Tensor, "B N"] | None
+) -> Float[Tensor, ""]:
+    """Mean squared difference of latents and codes, over the latents where `mask` is true."""
     error = (latents - values).square().mean(-1)
-    commitment = (
-        error.mean()
-        if mask is None
-        else (error * mask).sum() / distributed.all_reduce_mean(mask.sum().float()).clamp(min=1)
-    )
-    return QuantiserOutput(latents + (values - latents).detach(), indices, commitment)
+    if mask is None:
+        return error.mean()
+    return (error * mask).sum() / distributed.all_reduce_mean(mask.sum().float()).clamp(min=1)
 
 
 def squared_distances(latents: Float[Tensor, "*N C"], codebook: Float[Tensor, "K C"]) -> Float[Tensor, "*N K"]:

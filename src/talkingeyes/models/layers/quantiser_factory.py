@@ -7,21 +7,25 @@ from typing import Annotated
 from pydantic import Field
 
 from talkingeyes.models.layers.finite_scalar import FiniteScalarQuantiser, FiniteScalarQuantiserSettings
+from talkingeyes.models.layers.gradient_quantiser import GradientQuantiser, GradientQuantiserSettings
 from talkingeyes.models.layers.quantiser import Quantiser, QuantiserSettings
 from talkingeyes.models.layers.residual import ResidualQuantiser, ResidualQuantiserSettings
 
-AnyQuantiser = Quantiser | FiniteScalarQuantiser | ResidualQuantiser
+AnyQuantiser = Quantiser | GradientQuantiser | FiniteScalarQuantiser | ResidualQuantiser
 AnyQuantiserSettings = Annotated[
-    QuantiserSettings | FiniteScalarQuantiserSettings | ResidualQuantiserSettings, Field(discriminator="kind")
+    QuantiserSettings | GradientQuantiserSettings | FiniteScalarQuantiserSettings | ResidualQuantiserSettings,
+    Field(discriminator="kind"),
 ]
 
 
 def make_quantiser(
-    settings: QuantiserSettings | FiniteScalarQuantiserSettings | ResidualQuantiserSettings,
+    settings: QuantiserSettings | GradientQuantiserSettings | FiniteScalarQuantiserSettings | ResidualQuantiserSettings,
 ) -> AnyQuantiser:
     """Build the quantiser that the settings describe."""
     if isinstance(settings, FiniteScalarQuantiserSettings):
         return FiniteScalarQuantiser(settings)
     if isinstance(settings, ResidualQuantiserSettings):
         return ResidualQuantiser(settings)
+    if isinstance(settings, GradientQuantiserSettings):
+        return GradientQuantiser(settings)
     return Quantiser(settings)

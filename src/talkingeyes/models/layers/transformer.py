@@ -15,7 +15,7 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.models.layers.attention import KeysValues, WindowAttention
+from talkingeyes.models.layers.attention import UNLIMITED, KeysValues, WindowAttention
 
 
 class TransformerSettings(Settings):
@@ -25,16 +25,16 @@ class TransformerSettings(Settings):
     layers: Annotated[int, Field(gt=0)]
     heads: Annotated[int, Field(gt=0)]
     dropout: Annotated[float, Field(ge=0, lt=1)]
-    # Number of past positions (frames or codes) in self-attention.
-    lookback: Annotated[int, Field(gt=0)]
+    # Number of past positions (frames or codes) in self-attention; null: all.
+    lookback: Annotated[int, Field(gt=0)] | None
 
 
 @dataclass(frozen=True)
 class CrossAttentionWindow:
-    """Numbers of memory positions before and after its own that a position attends to."""
+    """Numbers of memory positions before and after its own that a position attends to; None: all."""
 
-    lookback: int
-    lookahead: int
+    lookback: int | None
+    lookahead: int | None
 
 
 @dataclass
@@ -89,7 +89,7 @@ class CausalTransformer(nn.Module):
         super().__init__()
         self.layers = nn.ModuleList(TransformerLayer(settings, 0, cross) for _ in range(settings.layers))
         self.norm = nn.LayerNorm(settings.width)
-        self.lookback = settings.lookback
+        self.lookback = UNLIMITED if settings.lookback is None else settings.lookback
 
     def forward(
         self, x: Float[Tensor, "B T W"], memory: Float[Tensor, "B U W"] | None = None
