@@ -33,7 +33,8 @@ from talkingeyes.physiology import saccades as main_sequence_model
 
 AMPLITUDE_DEG, TOLERANCE_S = 2.0, 0.08
 VARIANTS: dict[str, tuple[str, ...]] = {
-    "paper (none)": ("fit=paper",),
+    "paper": ("fit=paper",),
+    "paper (none)": ("fit=paper", "fit/smoothing=none"),
     "and gaussian": ("fit=paper", "fit/smoothing=gaussian"),
     "and quadratic": ("fit=paper", "fit/smoothing=quadratic"),
     "and steps": ("fit=paper", "fit/smoothing=steps"),

@@ -1,10 +1,11 @@
-"""Table VIII by the paper's procedure, on a real video: MediaPipe at full size as truth, then scaled to 224 lines.
+"""Table VIII by the paper's procedure, on real videos: MediaPipe at full size as truth, then scaled to 224 lines.
 
 The video is scaled to 224 lines and re-encoded (H.264, CRF 35, as small as VoxCeleb2's). MediaPipe runs on both, and
 each fit uses its output for the small one. Error: distance of a fitted pupil to the pupil at full size, pixels of the
 standard crop. Speed and saccade peaks: of a pupil relative to its eye's centre, for all methods under the head pose of
 the large video, whose frame-by-frame fit is the truth; frames without blinks. Left and right yaw are correlated over
-frames with moving gaze: within half a second it spans 2 degrees or more.
+frames with moving gaze: within half a second it spans 2 degrees or more. After the tables of the videos, the medians
+over videos, each video with the same weight.
 
 Run     python -m benchmarks.table8_video VIDEO...      (extra `track`)
 Reads   conf/
@@ -36,24 +37,27 @@ from talkingeyes.tracking.video import open_video, read_frames
 
 LINES, CRF, MOST_FRAMES = 224, 35, 250
 MOVES_RAD = np.radians(2.0)
+TRUTH = ["fit=paper", "fit/smoothing=none", "fit.lightgazefit.solver=newton"]
 VARIANTS = {
+    "paper, unsmoothed": ["fit=paper", "fit/smoothing=none"],
     "paper": ["fit=paper"],
-    "paper, saccades": ["fit=paper", "fit/smoothing=saccades"],
     "default": ["fit=default"],
     "video": ["fit=video"],
 }
 
 
 def main() -> None:
-    """Print a table for each video."""
+    """Print a table for each video, and the medians over videos."""
     if not sys.argv[1:]:  # make bench
         print("table8_video: no video given, nothing to measure")
-    for path in map(Path, sys.argv[1:]):
-        table(path)
+        return
+    tables = [table(path) for path in map(Path, sys.argv[1:])]
+    print(f"medians over {len(tables)} videos")
+    print_rows({name: np.nanmedian([each[name] for each in tables], axis=0) for name in tables[0]})
 
 
-def table(path: Path) -> None:
-    """Print the table of one video."""
+def table(path: Path) -> dict[str, Float[ndarray, " 6"]]:
+    """Print and return the rows of one video."""
     section = compose()["track"]
     crop_settings = CropSettings.model_validate(section["crop"])
     face_settings = FaceDetectionSettings.model_validate(section["face"])
@@ -72,26 +76,37 @@ def table(path: Path) -> None:
         Observation(fps, each[:, :-2], each[:, -2:], known.astype(np.float64), camera) for each in (full, small)
     )
     settings = {name: FitSettings.model_validate(compose(each)["fit"]) for name, each in VARIANTS.items()}
-    truth = fit_clip(large, settings["paper"])
-    fits = {"paper, full size": truth} | {name: fit_clip(little, each) for name, each in settings.items()}
+    truth = fit_clip(large, FitSettings.model_validate(compose(TRUTH)["fit"]))
+    fits = {"full size": truth} | {name: fit_clip(little, each) for name, each in settings.items()}
     frame_mask = known & ~truth.lids.blinking
     reference = FitReference(large.pupils, camera, frame_mask, truth.motion, truth.motion)
     print(f"{path.name}: {len(full)} frames at {height} lines and at {LINES}, {frame_mask.sum()} counted")
     apart = np.linalg.norm(small[:, -2:] - full[:, -2:], axis=-1)[frame_mask].mean()
     print(f"MediaPipe's pupils at the small and at the full size differ by {apart:.3f} px")
-    print(f"{'method':<20}{'error px':>9}{'px/s':>8}{'ratio':>7}{'peaks':>7}{'left-right':>12}{'eye on head':>13}")
-    best = reference.error_sums(truth.motion)
+    best, rows = reference.error_sums(truth.motion), {}
     for name, fit in fits.items():
         error_sums = reference.error_sums(fit.motion)
-        print(
-            f"{name:<20}{error_sums.input_distance_px / error_sums.input_distances:>9.3f}"
-            f"{error_sums.speed_px_s / error_sums.speeds:>8.2f}"
-            f"{error_sums.speed_px_s / best.speed_px_s:>7.2f}{error_sums.peak_px_s / best.peak_px_s:>7.2f}"
-            f"{gaze_figures(fit.motion, fit.per_frame, frame_mask)}"
+        rows[name] = np.array(
+            [
+                error_sums.input_distance_px / error_sums.input_distances,
+                error_sums.speed_px_s / error_sums.speeds,
+                error_sums.speed_px_s / best.speed_px_s,
+                error_sums.peak_px_s / best.peak_px_s if best.peak_px_s else np.nan,
+                *gaze_correlations(fit.motion, fit.per_frame, frame_mask),
+            ]
         )
+    print_rows(rows)
+    return rows
 
 
-def gaze_figures(motion: Motion, per_frame: Motion, frame_mask: ndarray) -> str:
+def print_rows(rows: dict[str, Float[ndarray, " 6"]]) -> None:
+    """Print a header and a line a method."""
+    print(f"{'method':<20}{'error px':>9}{'px/s':>8}{'ratio':>7}{'peaks':>7}{'left-right':>12}{'eye on head':>13}")
+    for name, (error, speed, ratio, peaks, together, against) in rows.items():
+        print(f"{name:<20}{error:>9.3f}{speed:>8.2f}{ratio:>7.2f}{peaks:>7.2f}{together:>12.2f}{against:>13.2f}")
+
+
+def gaze_correlations(motion: Motion, per_frame: Motion, frame_mask: ndarray) -> tuple[float, float]:
     """Correlation of left and right yaw in the per-frame fit, and of eye and head yaw after smoothing."""
     yaw = gaze_to_angles(per_frame.gaze)[..., 0]
     width = round(0.5 * motion.fps)
@@ -99,7 +114,7 @@ def gaze_figures(motion: Motion, per_frame: Motion, frame_mask: ndarray) -> str:
     moves = frame_mask & (span >= MOVES_RAD)
     together = np.corrcoef(yaw[moves].T)[0, 1] if moves.sum() > 2 else np.nan
     against = np.corrcoef(gaze_to_angles(motion.gaze)[frame_mask, :, 0].mean(axis=1), motion.head[frame_mask, 1])[0, 1]
-    return f"{together:>12.2f}{against:>13.2f}"
+    return float(together), float(against)
 
 
 def detect_landmarks(
