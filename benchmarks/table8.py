@@ -1,9 +1,8 @@
-"""Table VIII on a synthetic corpus: pupils, gaze, saccades and blinks of five methods against the truth.
+"""Table VIII on a synthetic corpus: pupils, gaze, saccades and blinks of three methods against the truth.
 
-Rows    ground truth; `appearance`, a small network trained here on rendered eyes of other heads; `gaze360 (simulated)`,
-        random errors as the paper reports for Gaze360, not a method; `paper`, LightGazeFit frame by frame (fit=paper);
-        `default`, with the temporal terms, priors and constraints of conf/fit/default.yaml. The last two also with the
-        noise of an image of 0.6 of the resolution.
+Rows    ground truth; `appearance`, a small network trained here on rendered eyes of other heads; `paper`, LightGazeFit
+        and a temporal convolution as printed (fit=paper), and the same unsmoothed; `default`, with the temporal terms,
+        priors and constraints of conf/fit/default.yaml; both fits with the noise of an image of 0.6 of the resolution.
 All methods run at 224 x 224 and use the same head poses, except for distances (each method's own). The images for
 `appearance` are degraded like those of VoxCeleb2: 0.6 of the pixels per side, JPEG of quality 35. It is given the true
 head pose and eye positions, and its training eyes differ from the clip's in skin and shape only, so it is an upper
@@ -33,29 +32,22 @@ from talkingeyes.corpus.store import Corpus
 from talkingeyes.fitting.accuracy import ErrorSums, FitReference
 from talkingeyes.fitting.clip import FitResult, FitSettings, fit_clip
 from talkingeyes.fitting.comparison import BlinkMatches, blink_frames, match_blinks
-from talkingeyes.fitting.lightgazefit import PupilObservations, ray_gaze
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.landmarks import EYE_CENTRES, head_to_scene, pupil_centres
+from talkingeyes.head.landmarks import EYE_CENTRES, head_to_scene
 from talkingeyes.head.model import HeadModel
 from talkingeyes.head.observation import Observation
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import run_command
 from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.view import OrbitCamera
-from talkingeyes.synthesis.detector_noise import NoiseSettings, autoregressive
+from talkingeyes.synthesis.detector_noise import NoiseSettings
 from talkingeyes.synthesis.observations import observe
 
 STRIP = (96, 176)  # rows and columns of an image around both eyes
 EYE = (32, 48)  # of the network's input for one eye
 RESOLUTION_FACTOR, QUALITY = 0.6, 35  # like VoxCeleb2: fraction of the pixels per side, JPEG quality
 HEADS, FRAMES_A_HEAD, EPOCHS = 10, 60, 30
-GAZE360 = {
-    "gain": 0.875,
-    "slow_px": 1.0,
-    "memory": 0.992,
-    "white_px": 0.035,
-}  # TalkingEyes, Table VIII: 1.40 px, speed ratio 1.29
 
 
 @dataclass(frozen=True)
@@ -85,11 +77,11 @@ def main() -> None:
     methods: dict[str, Callable[[], list[FitResult | Motion]]] = {
         "ground truth": lambda: [case.motion for case in cases],
         "appearance": lambda: [predict_gaze(network, case) for case in cases],
-        "gaze360 (simulated)": lambda: [simulated(case, index) for index, case in enumerate(cases)],
-        "paper": lambda: fitted(cases, "paper"),
-        "default": lambda: fitted(cases, "default"),
-        "paper, coarse": lambda: fitted(coarse, "paper"),
-        "default, coarse": lambda: fitted(coarse, "default"),
+        "paper, unsmoothed": lambda: fitted(cases, "fit=paper", "fit/smoothing=none"),
+        "paper": lambda: fitted(cases, "fit=paper"),
+        "default": lambda: fitted(cases, "fit=default"),
+        "paper, coarse": lambda: fitted(coarse, "fit=paper"),
+        "default, coarse": lambda: fitted(coarse, "fit=default"),
     }
     print(f"{len(cases)} clips of {split}, {sum(len(case.motion) for case in cases)} frames; frames without blinks")
     print(
@@ -144,9 +136,9 @@ def line(name: str, row: Score, truth: Score, results: list[FitResult | Motion],
     )
 
 
-def fitted(cases: list[Case], variant: str) -> list[FitResult | Motion]:
-    """Fit every clip with conf/fit/VARIANT.yaml."""
-    settings = FitSettings.model_validate(compose([f"fit={variant}"])["fit"])
+def fitted(cases: list[Case], *variant: str) -> list[FitResult | Motion]:
+    """Fit every clip with a variant of conf/fit/."""
+    settings = FitSettings.model_validate(compose([*variant])["fit"])
     return [fit_clip(case.observation, settings) for case in cases]
 
 
@@ -155,20 +147,6 @@ def reobserved(case: Case, noise: NoiseSettings, seed: int) -> Case:
     seen, rng = case.observation, np.random.default_rng(seed)
     coarse = noise.model_copy(update={"resolution": RESOLUTION_FACTOR})
     return replace(case, observation=observe(case.motion, seen.camera, coarse, rng, seen.identity))
-
-
-def simulated(case: Case, seed: int) -> Motion:
-    """The truth with errors of the size of Gaze360's."""
-    rng, motion, camera = np.random.default_rng(seed), case.motion, case.observation.camera
-
-    def placed(gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 2 2"]:
-        return camera.project(head_to_scene(pupil_centres(gaze), motion.head, motion.translation))
-
-    ahead = placed(np.zeros_like(motion.gaze))
-    seen = ahead + GAZE360["gain"] * (placed(motion.gaze) - ahead)
-    seen += autoregressive(seen.shape, GAZE360["slow_px"], GAZE360["memory"], motion.fps, rng)
-    seen += GAZE360["white_px"] * rng.standard_normal(seen.shape)
-    return replace(motion, gaze=ray_gaze(PupilObservations(seen, motion.head, motion.translation, camera)))
 
 
 def head_with_identity(identity: tuple[float, ...], shade: float = 1.0) -> HeadModel:
