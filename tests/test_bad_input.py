@@ -25,7 +25,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     toy_motions.motion(seconds=1.0).save(root / "good.npz")
     toy_motions.flame_motion().save(root / "flame.npz")
     np.savez(root / "other.npz", a=np.zeros(3))
-    np.savez(root / "pickled.npz", a=np.array([{}], object))
+    np.savez(root / "pickled.npz", head=np.array([{}], object))
     (root / "cut.npz").write_bytes((root / "good.npz").read_bytes()[:700])
     (root / "text.txt").write_text("words")
     (root / "empty.npz").touch()

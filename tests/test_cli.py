@@ -122,7 +122,7 @@ def test_python_api_gives_the_same_output(place: Path) -> None:
         (["--text", "Hello.", "--voice", "de+f3", "--language", "fr", "-o", "out"], "of the language fr"),
         (["--text", "Hello.", "--language", "tlh", "-o", "out"], "language: should be one of en, fr"),
         (["my speech.txt", "-o", "out", "--target", "window"], "target: should be camera, listener or a file"),
-        (["my speech.txt", "-o", "out", "--target", "none.json"], "none.json: should be a readable track"),
+        (["my speech.txt", "-o", "out", "--target", "none.json"], "none.json: not a readable track"),
         (["my speech.txt", "-o", "out", "--eye-contact", "2"], "eye_contact: should be 0"),
         (["my speech.txt", "-o", "out", "--head-liveliness", "-1"], "liveliness of head: should be 0"),
         (["my speech.txt", "-o", "out", "--partner", "none.wav"], "none.wav: cannot be opened"),

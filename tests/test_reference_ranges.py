@@ -331,5 +331,5 @@ def test_take_of_another_corpus_is_an_error(tiny):
 def test_bad_input_is_one_line(tiny, monkeypatch):
     monkeypatch.chdir(tiny)
     monkeypatch.setattr("sys.argv", ["reference_ranges", "nowhere"])
-    with pytest.raises(InputError, match="not a corpus index"):
+    with pytest.raises(InputError, match="not a readable corpus index"):
         reference_ranges.main()

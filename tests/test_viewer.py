@@ -149,7 +149,7 @@ def test_pages_load_nothing_from_elsewhere() -> None:
         (["a.npz", "--truth", "none.npz"], "none.npz: not a readable motion"),
         (["a.npz", "--sound", "words.json"], "words.json: "),
         (["a.npz", "--annotation", "a.wav"], "a.wav: not a readable annotation"),
-        (["a.npz", "--corpus", "."], "clips.parquet: not a corpus index"),
+        (["a.npz", "--corpus", "."], "clips.parquet: not a readable corpus index"),
         (["a.npz", "--head", "duck"], "should be one of anny, flame"),
         (["a.npz"] * 13, "at most 12"),
         (["a.npz", "--port", "70000"], "port: should be 0 to 65535, got 70000"),

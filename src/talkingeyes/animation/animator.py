@@ -6,7 +6,6 @@ it is neutral.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -28,6 +27,7 @@ from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
 from talkingeyes.audio.turn_taking import detect_turns
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core import rotation
+from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.samples import FaceSamples, Samples
@@ -68,10 +68,10 @@ class Animator:
     def _of_folder(cls, model: Path, face: Path | None) -> Animator:
         generator = load_generator(model)
         try:
-            embedding = json.loads((model / "embedding.json").read_text())
+            embedding = read_json(model / "embedding.json", "JSON file")
             settings = validate_section("embed", EmbedSettings, embedding["settings"])
             encoder = make_encoder(settings)
-            seen = json.loads((model / "blinks.json").read_text())["speakers"]
+            seen = read_json(model / "blinks.json", "JSON file")["speakers"]
             profile = BlinkProfile("lognormal", math.exp(seen["log_normal"]["mean"]), seen["log_normal"]["sd"])
             speakers = load_speakers(model / SPEAKERS_FILE)
             # A corpus without any blink has no profile.

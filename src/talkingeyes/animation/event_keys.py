@@ -24,6 +24,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.core import rotation
+from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import EVENTS_SCHEMA, Blink, Events, Motion, Saccade
 from talkingeyes.physiology import blinks, saccades
@@ -60,8 +61,8 @@ def _lines(events: Events, kind: str) -> str:
 
 def load_keys(path: Path) -> EventKeys:
     """Read keys. Raises InputError, which names the invalid key."""
+    content = read_json(path, "file of keys")
     try:
-        content = json.loads(path.read_text())
         if not isinstance(content, dict) or content.get("schema") != EVENTS_SCHEMA:
             schema = content.get("schema") if isinstance(content, dict) else type(content).__name__
             raise InputError(f"{path}: schema should be {EVENTS_SCHEMA}, got {schema}")
@@ -76,7 +77,7 @@ def load_keys(path: Path) -> EventKeys:
                 f"{path}: {' and '.join(EDITABLE_KINDS)} can be edited, got other {changed[0]} than the original ones"
             )
         return EventKeys(_events(path, content), _events(path, before))
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: not a readable file of keys ({error!r})") from None
@@ -85,8 +86,7 @@ def load_keys(path: Path) -> EventKeys:
 def load_original(path: Path) -> Events:
     """The original events of a motion from its file of keys, without later edits."""
     found = Events.load(path)  # raises InputError if there are none
-    content = json.loads(path.read_text())
-    return load_keys(path).original if "original" in content else found
+    return load_keys(path).original if "original" in read_json(path, "file of keys") else found
 
 
 def apply_key_edits(motion: Motion, keys: EventKeys) -> Motion:

@@ -16,7 +16,6 @@ memory besides the motion itself does not grow with the speech.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from numpy import ndarray
 from scipy.interpolate import PchipInterpolator
 
 from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
+from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.settings import validate_section
@@ -62,7 +62,7 @@ class FaceAnimator:
         head = anny_head()
         generator = load_face_generator(folder, FaceBasis(head.name, expression_shape_names(head)))
         try:
-            content = json.loads((folder / "embedding.json").read_text())
+            content = read_json(folder / "embedding.json", "JSON file")
             own = validate_section("embed", EmbedSettings, content["settings"])
         except (OSError, ValueError, KeyError) as error:
             raise InputError(f"{folder}: not a trained model ({error}); `make repro` trains one") from None

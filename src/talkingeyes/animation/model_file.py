@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 import os
 import re
 import tempfile
@@ -28,6 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from talkingeyes.audio.encoder_transformers import LOCAL_FILES_ONLY
+from talkingeyes.core.containers import parse_json
 from talkingeyes.core.errors import InputError
 
 SCHEMA = "talkingeyes.model/1"
@@ -93,7 +93,7 @@ def read_packed_metadata(path: Path) -> PackedMetadata:
     try:
         with safetensors.safe_open(path, "np") as file:
             metadata = file.metadata() or {}
-        header = json.loads(metadata.get(METADATA_KEY, "{}"))
+        header = parse_json(metadata.get(METADATA_KEY, "{}"))
         if header.get("schema") != SCHEMA:
             raise InputError(f"{path}: should be a model of `talkingeyes pack` ({SCHEMA}), got {header.get('schema')}")
         packed = PackedMetadata(tuple(header["models"]), dict(header["files"]), dict(header["encoder"]))
@@ -103,14 +103,13 @@ def read_packed_metadata(path: Path) -> PackedMetadata:
         KeyError,
         TypeError,
         AttributeError,
-        RecursionError,
         safetensors.SafetensorError,
     ) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(
             f"{path}: should be a folder of the train stage or a file of `talkingeyes pack`, got an unreadable file "
-            f"({' '.join(str(error).split())[:120]})"
+            f"({error})"
         ) from None
     if not packed.models or not all(MEMBER_PATTERN.fullmatch(f"{model}/x") for model in packed.models):
         raise InputError(f"{path}: models should be plain names, got {list(packed.models)}")
@@ -143,9 +142,9 @@ def _check_content(path: Path, packed: PackedMetadata) -> None:
         if not name.endswith(".json"):
             continue
         try:
-            nodes = list(_mappings(json.loads(text)))
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"{path}: {name} should be JSON, got {type(error).__name__}") from None
+            nodes = list(_mappings(parse_json(text)))
+        except ValueError as error:
+            raise InputError(f"{path}: {name} should be JSON ({error})") from None
         for node in nodes:
             kind = node.get("kind")
             if isinstance(kind, str) and ":" in kind and os.environ.get(ALLOW_PLUGINS) != "1":

@@ -8,7 +8,6 @@ how the sound is cut into chunks; they equal `LiveModel.generate_offline` (docs/
 
 from __future__ import annotations
 
-import json
 import math
 from collections import deque
 from collections.abc import Mapping
@@ -32,6 +31,7 @@ from talkingeyes.audio.encoder import EmbedSettings
 from talkingeyes.audio.streaming_prosody import StreamingProsody
 from talkingeyes.audio.waveform import LONGEST_S, SAMPLE_RATE
 from talkingeyes.core import rotation
+from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Blink, Motion
 from talkingeyes.core.settings import validate_section
@@ -84,9 +84,9 @@ class LiveModel:
         with open_model(model) as folder:
             generator = load_generator(folder)
             try:
-                content = json.loads((folder / "embedding.json").read_text())
+                content = read_json(folder / "embedding.json", "JSON file")
                 settings = validate_section("embed", EmbedSettings, content["settings"])
-                seen = json.loads((folder / "blinks.json").read_text())["speakers"]["log_normal"]
+                seen = read_json(folder / "blinks.json", "JSON file")["speakers"]["log_normal"]
                 corpus = BlinkProfile("lognormal", math.exp(seen["mean"]), seen["sd"])
             except (OSError, ValueError, KeyError) as error:
                 raise InputError(f"{model}: not a trained model ({error}); `make repro` trains one") from None

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import itertools
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.core.containers import parse_json, read_text
 from talkingeyes.core.errors import InputError
 
 SCHEMA = "talkingeyes.targets/1"
@@ -77,11 +77,9 @@ class TargetTrack:
 def load_targets(path: Path | str) -> TargetTrack:
     """Read a track from CSV (by the suffix) or JSON. Raises InputError (one line) for an invalid file."""
     path = Path(path)
+    text = read_text(path, "track of targets")
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        return _of_csv(text) if path.suffix.lower() == ".csv" else _of_json(json.loads(text))
-    except OSError as error:
-        raise InputError(f"{path}: should be a readable track of targets, got: {error.strerror or error}") from None
+        return _of_csv(text) if path.suffix.lower() == ".csv" else _of_json(parse_json(text))
     except (ValueError, csv.Error) as error:  # UnicodeDecodeError and JSONDecodeError are ValueErrors
         raise InputError(f"{path}: {error}") from None
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 
 # The classes of 3DMEAD (ProbTalk3D, section 3.1); neutral has intensity 0, the others 1 (weak) to 3 (strong).
@@ -66,9 +67,10 @@ class Annotation:
     @classmethod
     def load(cls, path: Path) -> Annotation:
         """Read JSON written by `save`; an absent key stays empty. Raises InputError if it is not an annotation."""
+        content = read_json(path, "annotation")
         try:
-            return cls(**{name: _read(name, value) for name, value in json.loads(path.read_text()).items()})
-        except (OSError, ValueError, AttributeError, TypeError) as error:
+            return cls(**{name: _read(name, value) for name, value in content.items()})
+        except (ValueError, AttributeError, TypeError) as error:
             raise InputError(f"{path}: not a readable annotation ({error!r})") from None
 
 

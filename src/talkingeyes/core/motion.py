@@ -7,16 +7,15 @@ and head model are stored in every file (docs/conventions.md). Events are JSON b
 from __future__ import annotations
 
 import json
-import zlib
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
+from talkingeyes.core.containers import parse_json, read_json, read_npz
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.npz import save_npz
 
@@ -27,17 +26,6 @@ CONVENTIONS = {
     "rotations": "rotation vectors",
     "eye_order": "left,right (the subject's)",
 }
-# Errors of numpy and zipfile for a truncated, altered or different file.
-NPZ_READ_ERRORS = (
-    OSError,
-    ValueError,
-    EOFError,
-    TypeError,
-    AttributeError,
-    BadZipFile,
-    NotImplementedError,
-    zlib.error,
-)
 ARRAY_FIELDS = ("head", "translation", "gaze", "lid", "jaw", "expression", "valid")
 
 
@@ -128,19 +116,16 @@ class Motion:
     @classmethod
     def load(cls, path: Path) -> Motion:
         """Read a motion npz. Raises InputError if it is missing, not a motion file, or of another schema."""
-        try:
-            with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-                content = {name: file[name] for name in file.files}
-        except NPZ_READ_ERRORS as error:
-            raise InputError(f"{path}: not a readable motion npz ({error})") from None
+        needed = (*ARRAY_FIELDS, "fps", "expression_names", "head_model")
+        content = read_npz(path, {"schema", *needed}, "motion npz")
         schema = str(content.get("schema", "none"))
         if schema != CONVENTIONS["schema"]:
             raise InputError(f"{path}: schema should be {CONVENTIONS['schema']}, got {schema}")
-        missing = [name for name in (*ARRAY_FIELDS, "fps", "expression_names", "head_model") if name not in content]
+        missing = [name for name in needed if name not in content]
         if missing:
             raise InputError(f"{path}: missing {', '.join(missing)}")
         try:
-            fps, names = float(content["fps"]), tuple(json.loads(str(content["expression_names"])))
+            fps, names = float(content["fps"]), tuple(parse_json(str(content["expression_names"])))
         except (ValueError, TypeError) as error:
             raise InputError(f"{path}: fps should be a number and expression_names a list ({error})") from None
         return cls(
@@ -206,15 +191,15 @@ class Events:
     @classmethod
     def load(cls, path: Path) -> Events:
         """Read events JSON; absent kinds are empty. Raises InputError if it is not an events file."""
+        content = read_json(path, "events file")
         try:
-            content = json.loads(path.read_text())
             if content.get("schema") != EVENTS_SCHEMA:
                 raise InputError(f"{path}: schema should be {EVENTS_SCHEMA}, got {content.get('schema')}")
             rows = {kind: content.get(kind, ()) for kind in EVENT_TYPES}
             return cls(**{kind: tuple(_event(EVENT_TYPES[kind], row) for row in rows[kind]) for kind in rows})
         except InputError:
             raise
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise InputError(f"{path}: not a readable events file ({error!r})") from None
 
 

@@ -17,12 +17,12 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
-from pyarrow import csv
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 from scipy.ndimage import binary_dilation
 from scipy.spatial.transform import Rotation
 
+from talkingeyes.core.containers import read_csv
 from talkingeyes.core.errors import InputError
 
 FIXATION, SACCADE, OSCILLATION, PURSUIT, BLINK, UNDEFINED = range(1, 7)  # labels of Andersson et al.
@@ -144,11 +144,8 @@ def _angles_rad(left: Float[ndarray, " T"], up: Float[ndarray, " T"], distance: 
 
 
 def _table(path: Path) -> pa.Table:
-    try:
-        table = csv.read_csv(path)
-        return table.rename_columns([name.strip() for name in table.column_names])  # OpenFace puts spaces before names
-    except (OSError, pa.ArrowInvalid) as error:
-        raise InputError(f"{path}: not a readable CSV table ({error})") from None
+    table = read_csv(path)
+    return table.rename_columns([name.strip() for name in table.column_names])  # OpenFace puts spaces before names
 
 
 def _column(table: pa.Table, path: Path, name: str) -> Float[ndarray, " T"]:

@@ -10,6 +10,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from talkingeyes.core.containers import read_parquet
 from talkingeyes.core.errors import InputError
 
 SPLITS = ("train", "val", "test", "unseen")
@@ -45,11 +46,7 @@ def write_index(path: Path, clips: Iterable[Clip]) -> None:
 
 def read_index(path: Path) -> list[Clip]:
     """Read clips.parquet. Raises InputError if it is missing, not parquet, lacks a column, or has an unsafe name."""
-    try:
-        table = pq.read_table(path, columns=[field.name for field in fields(Clip)])
-    except (OSError, pa.ArrowInvalid, KeyError) as error:
-        raise InputError(f"{path}: not a corpus index ({error})") from None
-    clips = [Clip(**row) for row in table.to_pylist()]
+    clips = [Clip(**row) for row in read_parquet(path, [field.name for field in fields(Clip)], "corpus index")]
     for clip in clips:
         for column in FILE_COLUMNS:
             if not FILE_NAME.fullmatch(name := str(getattr(clip, column))):

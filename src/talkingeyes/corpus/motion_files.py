@@ -14,11 +14,10 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile
 
-import numpy as np
 from numpy import ndarray
 
+from talkingeyes.core.containers import npz_names, read_npz
 from talkingeyes.core.errors import InputError
 
 FRAME_DIMENSIONS = {"head": 1, "gaze": 2, "lid": 1}
@@ -55,15 +54,15 @@ def clip_id_of(path: Path) -> str:
 
 def read_motions(path: Path) -> Iterator[MotionFields]:
     """Read the motions of a file: one, or S samples. Raises InputError for other files."""
+    content = read_npz(path, {*FRAME_DIMENSIONS, "fps", "valid"}, "motion npz")
+    if "fps" not in content:
+        raise InputError(f"{path}: should hold fps, got {', '.join(npz_names(path, 'motion npz')) or 'nothing'}")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            if "fps" not in file.files:
-                raise InputError(f"{path}: should hold fps, got {', '.join(file.files) or 'nothing'}")
-            fps = float(file["fps"])
-            fields = {name: file[name] for name in FRAME_DIMENSIONS if name in file.files}
-            valid = file["valid"] if "valid" in file.files else None
-    except (OSError, ValueError, EOFError, TypeError, BadZipFile) as error:
-        raise InputError(f"{path}: not a readable motion npz ({error})") from None
+        fps = float(content["fps"])
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{path}: fps should be a number ({error})") from None
+    fields = {name: content[name] for name in FRAME_DIMENSIONS if name in content}
+    valid = content.get("valid")
     stacked = {name: array.ndim == FRAME_DIMENSIONS[name] + 2 for name, array in fields.items()}
     if not any(stacked.values()):
         yield MotionFields(fps, fields, valid)

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from talkingeyes.core.containers import npz_names
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples, Samples
 
 
 def load_motions(path: Path) -> list[Motion]:
     """Load one motion or S samples; missing fields are neutral. Raises InputError for other files."""
-    keys = _keys(path)
+    keys = set(npz_names(path, "motion npz"))
     if "schema" in keys or not {"head", "jaw"} & keys:
         return [Motion.load(path)]
     if "head" in keys:
@@ -28,11 +29,3 @@ def load_motions(path: Path) -> list[Motion]:
         replace(still, jaw=jaw, expression=expression, **names)
         for jaw, expression in zip(faces.jaw, faces.expression, strict=True)
     ]
-
-
-def _keys(path: Path) -> set[str]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return set(file.files)
-    except (OSError, ValueError, EOFError, AttributeError):  # Motion.load reports the error
-        return set()

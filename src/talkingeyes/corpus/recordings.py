@@ -5,7 +5,6 @@ Embeddings are memory-mapped and motions read on demand, so memory does not grow
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
+from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
@@ -47,7 +47,7 @@ class Normaliser:
     @classmethod
     def of(cls, embed: Path) -> Normaliser:
         """Read from the folder of the embed stage."""
-        content = json.loads((embed / "embedding.json").read_text())
+        content = read_json(embed / "embedding.json", "embedding")
         mean, std = (np.asarray(content[name], np.float32) for name in ("mean", "std"))
         return cls(tuple(content["channels"]), mean, std)
 

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from pydantic import Field
 
+from talkingeyes.core.containers import parse_json, read_npz
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.npz import save_npz
 from talkingeyes.core.settings import Settings
@@ -44,10 +45,10 @@ class Samples:
     @classmethod
     def load(cls, path: Path) -> Samples:
         """Read npz written by `save`. Raises InputError for other files."""
+        file = read_npz(path, ("fps", "head", "gaze"), "samples file")
         try:
-            with np.load(path, allow_pickle=False) as file:
-                return cls(float(file["fps"]), file["head"].astype(np.float64), file["gaze"].astype(np.float64))
-        except (OSError, ValueError, KeyError) as error:
+            return cls(float(file["fps"]), file["head"].astype(np.float64), file["gaze"].astype(np.float64))
+        except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: not a readable samples file ({error})") from None
 
 
@@ -78,10 +79,11 @@ class FaceSamples:
     @classmethod
     def load(cls, path: Path) -> FaceSamples:
         """Read npz written by `save`. Raises InputError for other files."""
+        needed = ("fps", "jaw", "expression", "expression_names", "head_model")
+        file = read_npz(path, needed, "file of sampled faces")
         try:
-            with np.load(path, allow_pickle=False) as file:
-                names = tuple(json.loads(str(file["expression_names"])))
-                jaw, expression = (file[name].astype(np.float64) for name in ("jaw", "expression"))
-                return cls(float(file["fps"]), jaw, expression, names, str(file["head_model"]))
-        except (OSError, ValueError, KeyError) as error:
+            names = tuple(parse_json(str(file["expression_names"])))
+            jaw, expression = (file[name].astype(np.float64) for name in ("jaw", "expression"))
+            return cls(float(file["fps"]), jaw, expression, names, str(file["head_model"]))
+        except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: not a readable file of sampled faces ({error})") from None

@@ -17,6 +17,7 @@ from numpy import ndarray
 from pydantic import TypeAdapter
 
 from talkingeyes.core import rotation
+from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.physiology.frame_saccades import find_saccades
@@ -88,10 +89,10 @@ def save_speakers(path: Path, speakers: Mapping[str, MotionStyle]) -> None:
 
 def load_speakers(path: Path) -> dict[str, MotionStyle]:
     """Read the styles of speakers of a model. Raises InputError if the file is missing or damaged."""
+    content = read_json(path, "file of speakers' styles")
     try:
-        content = json.loads(path.read_text())
         return {name: TypeAdapter(MotionStyle).validate_python(values) for name, values in content.items()}
-    except (OSError, ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: should hold styles of speakers, got {error!r}") from None
 
 

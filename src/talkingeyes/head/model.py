@@ -11,12 +11,12 @@ import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
+from talkingeyes.core.containers import read_npz
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.npz import save_npz
 
@@ -133,13 +133,9 @@ def save_head(model: HeadModel, path: Path) -> None:
 
 def load_head(path: Path) -> HeadModel:
     """Read a head written by `save_head`. Raises InputError for other files or another schema."""
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            content = {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
-        raise InputError(f"{path}: not a readable head ({error})") from None
     names = [field.name for field in fields(HeadModel) if field.name not in LANDMARK_SETS]
     needed = [*names, *(f"{points}_{name}" for points in LANDMARK_SETS for name in LANDMARK_FIELDS)]
+    content = read_npz(path, {"schema", *needed}, "head")
     missing = [name for name in needed if name not in content]
     if str(content.get("schema", "none")) != SCHEMA or missing:
         raise InputError(f"{path}: should be a head of schema {SCHEMA}, got {content.get('schema', 'none')} {missing}")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.core.containers import parse_json, read_npz
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.npz import save_npz
 from talkingeyes.head.camera import Camera
@@ -45,15 +46,15 @@ class Observation:
     @classmethod
     def load(cls, path: Path) -> Observation:
         """Read npz written by `save`. Raises InputError if it is not an observation."""
+        file = read_npz(path, {field.name for field in fields(cls)}, "observation")
         try:
-            with np.load(path, allow_pickle=False) as file:
-                return cls(
-                    fps=float(file["fps"]),
-                    landmarks=file["landmarks"].astype(np.float64),
-                    pupils=file["pupils"].astype(np.float64),
-                    confidence=file["confidence"].astype(np.float64),
-                    camera=Camera(**json.loads(str(file["camera"]))),
-                    identity=tuple(file["identity"].tolist()) if "identity" in file.files else (),
-                )
-        except (OSError, ValueError, KeyError, TypeError) as error:
+            return cls(
+                fps=float(file["fps"]),
+                landmarks=file["landmarks"].astype(np.float64),
+                pupils=file["pupils"].astype(np.float64),
+                confidence=file["confidence"].astype(np.float64),
+                camera=Camera(**parse_json(str(file["camera"]))),
+                identity=tuple(file["identity"].tolist()) if "identity" in file else (),
+            )
+        except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: not a readable observation ({error!r})") from None

@@ -8,9 +8,10 @@ extracted from it.
 from __future__ import annotations
 
 import io
+import math
 import pickle
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -18,6 +19,7 @@ import numpy as np
 from numpy import ndarray
 from scipy import sparse
 
+from talkingeyes.core.containers import MAX_ARRAY_BYTES
 from talkingeyes.core.errors import InputError
 
 ARRAYS = (
@@ -84,10 +86,10 @@ class _TensorUnpickler(_RestrictedUnpickler):
 
     def __init__(self, file: io.BytesIO, memory: Callable[[str], bytes]) -> None:
         super().__init__(file)
-        self._memory = memory
+        self._memory, self._left = memory, MAX_ARRAY_BYTES
         self._allowed |= {
             **{("torch", f"{name}Storage"): np.dtype(kind) for name, kind in STORAGES.items()},
-            ("torch._utils", "_rebuild_tensor_v2"): _tensor,
+            ("torch._utils", "_rebuild_tensor_v2"): self._tensor,
             ("torch._utils", "_rebuild_parameter"): lambda data, *_: data,
         }
 
@@ -96,16 +98,18 @@ class _TensorUnpickler(_RestrictedUnpickler):
         _, kind, key, _, count = pid
         return np.frombuffer(self._memory(str(key)), kind, int(count))
 
-
-def _tensor(storage: ndarray, offset: int, shape: tuple[int, ...], strides: tuple[int, ...], *_: Any) -> ndarray:
-    """Copy a view into a storage, after checking its bounds."""
-    last = offset + sum((size - 1) * step for size, step in zip(shape, strides, strict=True))
-    if 0 in shape:
-        return np.zeros(shape, storage.dtype)
-    if min(offset, *strides, 0) < 0 or last >= len(storage):
-        raise pickle.UnpicklingError(f"a tensor of shape {shape} reaches out of its memory")
-    steps = tuple(step * storage.itemsize for step in strides)
-    return np.array(np.lib.stride_tricks.as_strided(storage[offset:], shape, steps))
+    def _tensor(self, storage: ndarray, offset: int, shape: Sequence[int], strides: Sequence[int], *_: Any) -> ndarray:
+        """Copy a view into a storage, after checking its bounds; a view can repeat its memory."""
+        last = offset + sum((size - 1) * step for size, step in zip(shape, strides, strict=True))
+        if 0 in shape:
+            return np.zeros(shape, storage.dtype)
+        if min(offset, *strides, 0) < 0 or last >= len(storage):
+            raise pickle.UnpicklingError(f"a tensor of shape {shape} reaches out of its memory")
+        self._left -= math.prod(shape) * storage.itemsize
+        if self._left < 0:
+            raise pickle.UnpicklingError(f"its tensors should have at most {MAX_ARRAY_BYTES:,} bytes")
+        steps = tuple(step * storage.itemsize for step in strides)
+        return np.array(np.lib.stride_tricks.as_strided(storage[offset:], shape, steps))
 
 
 def read_pickle(path: Path, skip_bytes: int = 0) -> Any:
@@ -141,8 +145,10 @@ def as_array(value: Any) -> ndarray:
         if "x" in state:
             return as_array(state["x"])
         if "indptr" in state:
-            shape = state.get("_shape", state.get("shape"))
+            shape: Any = state.get("_shape", state.get("shape"))
             kind = sparse.csr_matrix if state.get("format") == "csr" else sparse.csc_matrix
+            if math.prod(shape) * state["data"].itemsize > MAX_ARRAY_BYTES:
+                raise InputError(f"a sparse matrix should have at most {MAX_ARRAY_BYTES:,} bytes, got shape {shape}")
             return np.asarray(kind((state["data"], state["indices"], state["indptr"]), shape=shape).toarray())
     return np.asarray(value)
 

@@ -18,8 +18,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-import yaml
-
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings, validate_section
 from talkingeyes.orchestration.mlflow_logging import MethodResult, Report, log_run
@@ -63,11 +61,10 @@ class Workspace:
     @classmethod
     def open(cls, root: Path) -> Workspace:
         """The workspace in `root`. Raises InputError if its params.yaml is missing or not a mapping."""
+        from talkingeyes.core.containers import read_yaml  # needs numpy, and `--help` imports this file
+
         path = root / "params.yaml"
-        try:
-            params = yaml.safe_load(path.read_text())
-        except (OSError, yaml.YAMLError) as error:
-            raise InputError(f"{path}: should be readable, got {error}; `make params` writes it") from None
+        params = read_yaml(path, "YAML file, which `make params` writes")
         if not isinstance(params, dict):
             raise InputError(f"{path}: should be a mapping of sections; `make params` writes it")
         return cls(root, params)
@@ -214,7 +211,7 @@ def run_command(command: Callable[[], None]) -> NoReturn:
     try:
         command()
     except InputError as error:
-        print("error:", " ".join(str(error).splitlines()), file=sys.stderr)  # some errors have several lines
+        print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

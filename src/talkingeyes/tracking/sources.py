@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import io
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from talkingeyes.core.containers import read_text
 from talkingeyes.core.errors import InputError
 from talkingeyes.tracking.video import SUFFIXES
 
@@ -69,9 +71,9 @@ def _speaker(name: str) -> str:
 
 
 def _read_map(path: Path) -> dict[str, str]:
+    text = read_text(path, "CSV with the columns video and speaker")
     try:
-        with path.open(newline="") as file:
-            rows = list(csv.DictReader(file))
+        rows = list(csv.DictReader(io.StringIO(text, newline="")))
         return {row["video"]: row["speaker"] for row in rows if row["speaker"]}
-    except (OSError, KeyError, csv.Error, UnicodeDecodeError) as error:
+    except (KeyError, csv.Error) as error:
         raise InputError(f"{path}: should be a CSV with the columns video and speaker, got: {error!r}") from None

@@ -13,6 +13,7 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
+from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 
 
@@ -37,7 +38,7 @@ def save(
 def load(folder: Path) -> Checkpoint:
     """Read a checkpoint folder, in single precision. Raises InputError if a file is missing or damaged."""
     try:
-        config = json.loads((folder / "config.json").read_text())
+        config = read_json(folder / "config.json", "JSON file")
         tensors = safetensors.torch.load_file(folder / "model.safetensors")
     except (OSError, ValueError, safetensors.SafetensorError) as error:
         raise InputError(f"{folder}: not a trained model ({error}); `make repro` trains one") from None

@@ -5,7 +5,6 @@ A folder of the train stage contains everything that generation needs (autoencod
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ import torch
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.samples import FaceSamples
@@ -110,7 +110,7 @@ def save_face_baseline(folder: Path, settings: BaselineSettings, bank: MotionBan
 def is_face_model(folder: Path) -> bool:
     """Whether a folder of the train stage holds a face model. Raises InputError if it holds no model."""
     try:
-        return "face" in json.loads((folder / "config.json").read_text())["model"]["parts"]
+        return "face" in read_json(folder / "config.json", "JSON file")["model"]["parts"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{folder}: not a trained model ({error!r}); `make repro` trains one") from None
 

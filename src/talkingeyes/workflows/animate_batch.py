@@ -28,6 +28,7 @@ from numpy import ndarray
 from talkingeyes.animation.model_file import find_model
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.core import output_folder
+from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.run import parallel_map
 from talkingeyes.workflows import animate
@@ -174,8 +175,8 @@ def _performer(model: Path, provenance: Provenance) -> Animator:
 
 def _is_up_to_date(folder: Path, manifest: dict[str, Any]) -> bool:
     try:
-        found = json.loads((folder / MANIFEST_FILE).read_text())
-    except (OSError, ValueError):
+        found = read_json(folder / MANIFEST_FILE, "manifest")
+    except InputError:
         return False
     return bool(found == json.loads(json.dumps(manifest)))
 

@@ -9,7 +9,6 @@ on the corpus, its frozen networks add Corr. for the sounds, and the distances t
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core import output_folder
+from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.motion_files import MotionFields, motion_files, read_motions
@@ -276,7 +276,7 @@ def _judged(data: Path | None, unit: EvaluatedSound, motions: list[Behaviour]) -
     evaluators = _load_evaluators(data)
     motions = add_features(motions, evaluators.encoder)
     paths = [shard_path(data / "embed" / "speech", sound, ".npy") for sound in (unit.name, *unit.others)]
-    fps = json.loads((data / "embed" / "embedding.json").read_text())["fps"]
+    fps = read_json(data / "embed" / "embedding.json", "embedding")["fps"]
     if not paths[0].is_file() or fps != motions[0].fps:
         return motions
     speech, *others = (np.load(path) for path in paths if path.is_file())

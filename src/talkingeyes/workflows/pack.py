@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from talkingeyes.animation.face import find_face_model
 from talkingeyes.animation.model_file import METADATA_KEY, SCHEMA, SUFFIX, encoder_identity
+from talkingeyes.core.containers import parse_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.workflows.render import check_output_file
 
@@ -110,7 +111,7 @@ def _text(path: Path) -> str:
 
 def _identity(folder: Path, embedding: str) -> dict[str, Any]:
     try:
-        return encoder_identity(json.loads(embedding))
+        return encoder_identity(parse_json(embedding))
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{folder / 'embedding.json'}: not the embedding of a trained model ({error!r})") from None
 

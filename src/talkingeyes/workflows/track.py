@@ -24,6 +24,7 @@ from numpy import ndarray
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.audio.voice_activity import detect_speech
 from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.output_folder import output_path
 from talkingeyes.core.settings import validate_section
@@ -299,7 +300,7 @@ def _same_settings(root: Path, settings: TrackSettings) -> None:
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(wanted, indent=1) + "\n")
-    elif json.loads(path.read_text()) != wanted:
+    elif read_json(path, "file of settings") != wanted:
         raise InputError(f"{root}: should be tracked with the same settings, got others; use another folder or --force")
 
 

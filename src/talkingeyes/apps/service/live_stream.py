@@ -19,6 +19,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from talkingeyes.apps.service.animation_request import AnimationRequest, Limits, PoseChunk
 from talkingeyes.apps.service.worker_pool import Worker, WorkerFailedError, WorkerPool
 from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.core.containers import parse_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
 
@@ -131,7 +132,7 @@ def _samples(sound: bytes) -> int:
 def _content(message: Any) -> Any:
     text = message.get("text")
     try:
-        return None if text is None else json.loads(text)
+        return None if text is None else parse_json(text)
     except ValueError:
         return None
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
 from pydantic import Field, model_validator
 
+from talkingeyes.core.containers import read_yaml
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings, bounds_error, validate_section
 
@@ -107,8 +107,4 @@ def load_design(name: str) -> Design:
     path = DESIGNS_FOLDER / f"{name}.yaml" if name in names() else Path(name)
     if path.suffix != ".yaml":
         raise InputError(f"design: should be {', '.join(names())} or a .yaml file, got {name!r}")
-    try:
-        node = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: not a readable design ({' '.join(str(error).split())})") from None
-    return validate_section(str(path), Design, node)
+    return validate_section(str(path), Design, read_yaml(path, "design"))

@@ -5,7 +5,6 @@ The server alone knows the conditions: the page gets two opaque film names and s
 
 from __future__ import annotations
 
-import json
 from typing import Any, Literal
 
 from fastapi import FastAPI, HTTPException, Request, Response
@@ -17,6 +16,7 @@ from talkingeyes.apps.study.answers import Participant
 from talkingeyes.apps.study.assets import page_assets
 from talkingeyes.apps.study.study_folder import Study
 from talkingeyes.apps.viewer.local_server import LOCALHOST, create_app
+from talkingeyes.core.containers import parse_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
 
@@ -81,8 +81,8 @@ async def _choice(request: Request) -> PairResponse:
         if len(sent) > MAX_BODY_BYTES:
             raise HTTPException(413, f"an answer should have at most {MAX_BODY_BYTES} bytes")
     try:
-        return PairResponse.model_validate(json.loads(sent))
-    except (ValueError, RecursionError) as error:
+        return PairResponse.model_validate(parse_json(sent))
+    except ValueError as error:
         first = error.errors()[0]["msg"] if isinstance(error, ValidationError) else "not JSON"
         raise HTTPException(
             422, f"an answer should have a trial_index and left or right for each question: {first}"

@@ -17,6 +17,7 @@ from pathlib import Path
 from talkingeyes.apps.study.answers import AnswerDatabase
 from talkingeyes.apps.study.counterbalancing import ATTENTION_CHECK, Pair, assign_pairs
 from talkingeyes.apps.study.design import Design
+from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
 
@@ -74,13 +75,13 @@ class Study:
     def load(cls, root: Path) -> Study:
         """Read a study. Raises InputError if it is invalid, or lacks a film."""
         path = root / "study.json"
+        content = read_json(path, "study")
         try:
-            content = json.loads(path.read_text())
             if content["schema"] != SCHEMA:
                 raise ValueError(f"schema should be {SCHEMA}")
             clips = {str(name): tuple(map(str, pool)) for name, pool in content["clips"].items()}
             study = cls(root, validate_section(str(path), Design, content["design"]), int(content["seed"]), clips)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise InputError(f"{path}: not a readable study ({error!r}); `talkingeyes study make` writes one") from None
         missing = [name for name in study.films if not study.film(name).is_file()]
         if missing:

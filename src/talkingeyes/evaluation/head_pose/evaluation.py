@@ -6,7 +6,6 @@ corpus of new people who speak other languages, of which the true motion is used
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -18,6 +17,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
+from talkingeyes.core.containers import read_json
 from talkingeyes.corpus.poses import (
     PoseRecording,
     PoseRecordings,
@@ -221,7 +221,7 @@ def _noise_metrics(
     seed: int,
 ) -> dict[str, Any]:
     """Metrics with white noise added to the sound, by signal-to-noise ratio of mean power in dB."""
-    settings = EmbedSettings.model_validate(json.loads((data / "embed" / "embedding.json").read_text())["settings"])
+    settings = EmbedSettings.model_validate(read_json(data / "embed" / "embedding.json", "embedding")["settings"])
     encoder, corpus, scale = make_encoder(settings), Corpus(data / "synthesize"), network.scale.numpy()
     found = {}
     for ratio_db in NOISE_DB:

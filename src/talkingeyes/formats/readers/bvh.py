@@ -11,6 +11,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
+from talkingeyes.core.containers import read_text
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 
@@ -33,16 +34,17 @@ class JointChannels:
 
 def read_bvh(path: Path, fps: float | None = None) -> Motion:
     """Read the motion of the joints of a head. Raises InputError if the file has none."""
+    text = read_text(path, "BVH", errors="replace")
     try:
-        hierarchy, rows = path.read_text(errors="replace").split("MOTION", 1)
+        hierarchy, rows = text.split("MOTION", 1)
         step_s = float(re.findall(r"Frame Time:\s*(\S+)", rows)[0])
         numbers = [line.split() for line in rows.splitlines() if re.match(r"\s*-?[\d.]", line)]
         values = np.array(numbers, np.float64)
         columns = _columns(hierarchy)
         if values.ndim != 2 or values.shape[1] != sum(len(each.names) for each in columns.values()) or step_s <= 0:
             raise ValueError(f"rows of {values.shape} for {len(columns)} joints")
-    except (OSError, ValueError, IndexError) as error:
-        raise InputError(f"{path}: not a readable BVH ({' '.join(str(error).split())[:120]})") from None
+    except (ValueError, IndexError) as error:
+        raise InputError(f"{path}: not a readable BVH ({error})") from None
     found = {
         ours: next((columns[name] for name in theirs if name in columns), None)
         for ours, theirs in JOINT_ALIASES.items()

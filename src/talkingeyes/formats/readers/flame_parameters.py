@@ -19,8 +19,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.core.containers import read_npy, read_npz
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.motion import NPZ_READ_ERRORS, Motion
+from talkingeyes.core.motion import Motion
 from talkingeyes.formats.readers.torch_file import read_torch
 from talkingeyes.formats.rotations import compose_rotations
 
@@ -38,16 +39,19 @@ PARAMETER_ALIASES = {
 }
 MIN_VERTEX_COLUMNS = 3000  # wider arrays hold vertices
 POSE_KEYS = ("pose",)  # DiffPoseTalk: head and jaw in one array
+EYE_KEYS = ("leye_pose", "reye_pose")  # one array an eye
 
 
 def read_flame_npz(path: Path, fps: float | None = None) -> Motion:
     """Read an npz of named FLAME parameters."""
-    return motion_from_arrays(path, _content(path), fps)
+    keys = {"fps", *POSE_KEYS, *EYE_KEYS, *(key for keys in PARAMETER_ALIASES.values() for key in keys)}
+    content = {name: array for name, array in read_npz(path, keys, "npz").items() if array.dtype.kind in "fiub"}
+    return motion_from_arrays(path, content, fps)
 
 
 def read_flame_array(path: Path, fps: float | None = None) -> Motion:
     """Read an array (T, C) or (1, T, C), whose layout follows from its width; a .npy, or a tensor in a torch file."""
-    content = read_torch(path) if path.suffix in (".pt", ".pth") else _array(path)
+    content = read_torch(path) if path.suffix in (".pt", ".pth") else read_npy(path, "npy")
     if isinstance(content, Mapping):
         arrays = [value for value in content.values() if isinstance(value, ndarray) and value.ndim >= 2]
         if len(arrays) != 1:
@@ -70,13 +74,15 @@ def motion_from_arrays(path: Path, content: Mapping[str, ndarray], fps: float | 
         part: next((content[key] for key in keys if key in content), None) for part, keys in PARAMETER_ALIASES.items()
     }
     if found["expression"] is None and found["jaw"] is None and found["global"] is None:
-        raise InputError(f"{path}: should hold FLAME parameters (expr, jaw_pose, ...), got {', '.join(content)[:120]}")
+        raise InputError(
+            f"{path}: should hold FLAME parameters (expr, jaw_pose, ...), got {', '.join(content) or 'none'}"
+        )
     pose = next((content[key] for key in POSE_KEYS if key in content), None)
     if pose is not None:
         rows = _rows(path, "pose", pose, 6)
         found |= {"global": rows[:, :3], "jaw": rows[:, 3:]}
-    if "leye_pose" in content and "reye_pose" in content:
-        found["eyes"] = np.concatenate([_rows(path, name, content[name], 3) for name in ("leye_pose", "reye_pose")], 1)
+    if all(name in content for name in EYE_KEYS):
+        found["eyes"] = np.concatenate([_rows(path, name, content[name], 3) for name in EYE_KEYS], 1)
     rate = fps if fps is not None else _rate(path, content)
     frames = max(len(np.atleast_2d(array)) for array in found.values() if array is not None)
 
@@ -134,18 +140,3 @@ def _rate(path: Path, content: Mapping[str, ndarray]) -> float:
     if "fps" not in content:
         raise InputError(f"{path}: should contain its frame rate, got none; set --fps")
     return float(np.asarray(content["fps"]).reshape(-1)[0])
-
-
-def _content(path: Path) -> dict[str, ndarray]:
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files if file[name].dtype.kind in "fiub"}
-    except NPZ_READ_ERRORS as error:
-        raise InputError(f"{path}: not a readable npz ({' '.join(str(error).split())[:120]})") from None
-
-
-def _array(path: Path) -> ndarray:
-    try:
-        return np.asarray(np.load(path, allow_pickle=False))
-    except NPZ_READ_ERRORS as error:
-        raise InputError(f"{path}: not a readable npy ({' '.join(str(error).split())[:120]})") from None

@@ -6,7 +6,6 @@ are driven by the shapes of the Eyelid model, closure is computed from the weigh
 
 from __future__ import annotations
 
-import json
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy.spatial.transform import Rotation, Slerp
 
+from talkingeyes.core.containers import MAX_ARRAY_BYTES, parse_json, read_bytes
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
@@ -34,6 +34,7 @@ JOINT_ALIASES = {  # our names and their aliases; the first animated one is used
     "right_eye": ("right_eye", "rightEye", "RightEye", "eyeRight"),
 }
 VRM_EXTENSION = "VRMC_vrm_animation"
+MAX_FRAMES = 1_000_000  # 4.6 hours at 60 frames per second
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class GltfDocument:
     def tracks(self) -> dict[tuple[int, str], Track]:
         """Channels of the first animation, by node and path."""
         animation = self.content["animations"][0]
-        found = {}
+        found, left = {}, MAX_ARRAY_BYTES  # many channels can name one accessor
         for channel in animation["channels"]:
             sampler = animation["samplers"][channel["sampler"]]
             if sampler.get("interpolation", "LINEAR") == "CUBICSPLINE":
@@ -75,6 +76,9 @@ class GltfDocument:
             target = channel["target"]
             values = self.array(sampler["output"]).reshape(len(times), -1)
             found[target["node"], target["path"]] = Track(times, values)
+            left -= times.nbytes + values.nbytes
+            if left < 0:
+                raise InputError(f"{self.path}: animation should have at most {MAX_ARRAY_BYTES:,} bytes of keys")
         return found
 
 
@@ -95,11 +99,11 @@ def read_gltf(path: Path, fps: float | None = None) -> Motion:
 
 
 def _opened(path: Path) -> GltfDocument:
-    data = path.read_bytes()
+    data = read_bytes(path)
     if data[:8] != b"glTF" + struct.pack("<I", 2) or len(data) < 28:
         raise InputError(f"{path}: should be a binary glTF 2.0 file (.glb, .vrma)")
     length = struct.unpack_from("<I", data, 12)[0]
-    return GltfDocument(path, json.loads(data[20 : 20 + length]), data[20 + length + 8 :])
+    return GltfDocument(path, parse_json(data[20 : 20 + length]), data[20 + length + 8 :])
 
 
 def _head(document: GltfDocument, tracks: dict[tuple[int, str], Track], fps: float | None) -> Motion:
@@ -195,6 +199,13 @@ def _vrm(document: GltfDocument, tracks: dict[tuple[int, str], Track], fps: floa
     return Motion.of(rate, np.asarray(head.as_rotvec()), gaze, lid=lid, jaw=jaw)
 
 
+def count_frames(span_s: float, fps: float) -> int:
+    """Number of frames in a time span. Raises InputError for more than MAX_FRAMES."""
+    if not 0 <= span_s * fps < MAX_FRAMES:
+        raise InputError(f"animation: should have at most {MAX_FRAMES:,} frames, got {span_s:g} s at {fps:g} fps")
+    return round(span_s * fps) + 1
+
+
 def _grid(track: Track, fps: float | None) -> tuple[float, Float[ndarray, " T"]]:
     """Frame rate (of the track, unless given) and frame times."""
     steps = np.diff(track.times_s)
@@ -202,7 +213,7 @@ def _grid(track: Track, fps: float | None) -> tuple[float, Float[ndarray, " T"]]
         raise InputError("animation: keys should be evenly spaced, got uneven ones; set --fps")
     span = float(track.times_s[-1] - track.times_s[0])
     rate = fps if fps is not None else round(len(steps) / span, 3)
-    frames = round(span * rate) + 1
+    frames = count_frames(span, rate)
     return rate, track.times_s[0] + np.arange(frames) / rate
 
 

@@ -21,13 +21,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import yaml
 from numpy import ndarray
 from pydantic import ValidationError
 
 from talkingeyes.core import rotation
+from talkingeyes.core.containers import read_npy, read_npz, read_yaml, reading
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.motion import NPZ_READ_ERRORS, Motion
+from talkingeyes.core.motion import Motion
 from talkingeyes.core.settings import Settings
 from talkingeyes.formats.readers.flame_parameters import EXPRESSION
 from talkingeyes.formats.rotations import rotation_width, to_rotation_vectors
@@ -62,9 +62,7 @@ class KeyMap(Settings):
 def load_key_map(path: Path) -> KeyMap:
     """Read a map. Raises InputError with the invalid key and value."""
     try:
-        return KeyMap.model_validate(yaml.safe_load(path.read_text()))
-    except (OSError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: not a readable map ({' '.join(str(error).split())[:120]})") from None
+        return KeyMap.model_validate(read_yaml(path, "map"))
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
@@ -73,8 +71,8 @@ def load_key_map(path: Path) -> KeyMap:
 
 def read_with_map(path: Path, mapping: KeyMap, fps: float | None = None) -> Motion:
     """Read the motion of a file by its map."""
-    content = _content(path)
     parts = {name: getattr(mapping, name) for name in ("head", "gaze", "jaw", "lid", "translation", "expression")}
+    content = _content(path, {each.key or name for name, each in mapping if isinstance(each, ArrayMapping)})
     if parts["head"] is None and parts["gaze"] is None:
         raise InputError(f"{path}: the map should contain head or gaze, got neither")
     rows = {name: _rows(path, content, name, field) for name, field in parts.items() if field is not None}
@@ -173,12 +171,8 @@ def _rate(path: Path, content: Mapping[str, ndarray], mapping: KeyMap, fps: floa
     return mapping.fps
 
 
-def _content(path: Path) -> dict[str, ndarray]:
-    try:
-        with path.open("rb") as stream:
-            found = np.load(stream, allow_pickle=False)
-            if isinstance(found, np.ndarray):
-                return {"": found}
-            return {name: found[name] for name in found.files}
-    except NPZ_READ_ERRORS as error:
-        raise InputError(f"{path}: not a readable npy or npz ({' '.join(str(error).split())[:120]})") from None
+def _content(path: Path, keys: set[str]) -> dict[str, ndarray]:
+    """The arrays of an npz by name, or the one of an npy under an empty name."""
+    with reading(path, "npy or npz"), path.open("rb") as stream:
+        archived = stream.read(2) == b"PK"
+    return read_npz(path, keys, "npz") if archived else {"": read_npy(path, "npy")}

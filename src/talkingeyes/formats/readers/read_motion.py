@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from talkingeyes.core import rotation
+from talkingeyes.core.containers import read_npz
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.motion import CONVENTIONS, NPZ_READ_ERRORS, Motion
+from talkingeyes.core.motion import CONVENTIONS, Motion
 from talkingeyes.formats.readers import tables
 from talkingeyes.formats.readers.key_map import KeyMap, read_with_map
 
@@ -131,9 +132,5 @@ def _table_reader(path: Path) -> tuple[str, Reader]:
 def _read_npz(path: Path, fps: float | None) -> Motion:
     from talkingeyes.formats.readers.flame_parameters import read_flame_npz
 
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            ours = "schema" in file.files and str(file["schema"]) == CONVENTIONS["schema"]
-    except NPZ_READ_ERRORS as error:
-        raise InputError(f"{path}: not a readable npz ({' '.join(str(error).split())[:120]})") from None
+    ours = str(read_npz(path, ["schema"], "npz").get("schema")) == CONVENTIONS["schema"]
     return Motion.load(path) if ours else read_flame_npz(path, fps)

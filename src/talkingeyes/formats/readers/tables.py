@@ -9,8 +9,8 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Float
 from numpy import ndarray
-from pyarrow import csv
 
+from talkingeyes.core.containers import read_csv
 from talkingeyes.core.errors import InputError
 
 
@@ -50,12 +50,7 @@ class Table:
 
 def read(path: Path) -> Table:
     """Read a table; time codes stay texts. Raises InputError if it is unreadable or empty."""
-    convert = csv.ConvertOptions(column_types={"Timecode": pa.string(), "approx_time": pa.string()})
-    try:
-        content = csv.read_csv(path, convert_options=convert)
-        content.column_names  # noqa: B018  (decoded here, or never)
-    except (OSError, UnicodeDecodeError, pa.ArrowInvalid) as error:
-        raise InputError(f"{path}: not a readable CSV table ({' '.join(str(error).split())[:120]})") from None
+    content = read_csv(path, text_columns=("Timecode", "approx_time"))
     if not content.num_rows:
         raise InputError(f"{path}: should have rows, got none")
     return Table(path, content)

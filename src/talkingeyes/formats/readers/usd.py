@@ -9,7 +9,7 @@ import numpy as np
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.formats.readers.gltf import JOINT_ALIASES, motion_from_shapes
+from talkingeyes.formats.readers.gltf import JOINT_ALIASES, count_frames, motion_from_shapes
 
 
 def read_usd(path: Path, fps: float | None = None) -> Motion:
@@ -29,7 +29,7 @@ def read_usd(path: Path, fps: float | None = None) -> Motion:
         raise InputError(f"{path}: should hold a SkelAnimation, got none")
     rate = float(stage.GetTimeCodesPerSecond()) if fps is None else fps
     step = stage.GetTimeCodesPerSecond() / rate
-    frames = round((stage.GetEndTimeCode() - stage.GetStartTimeCode()) / step) + 1
+    frames = count_frames((stage.GetEndTimeCode() - stage.GetStartTimeCode()) / stage.GetTimeCodesPerSecond(), rate)
     codes = stage.GetStartTimeCode() + step * np.arange(frames)
     names = [str(name).rsplit("/", 1)[-1] for name in found.GetJointsAttr().Get() or ()]
     turned = {ours: _turns(found, names, theirs, codes) for ours, theirs in JOINT_ALIASES.items()}
