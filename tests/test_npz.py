@@ -5,6 +5,7 @@ import zipfile
 import numpy as np
 import pytest
 
+from talkingeyes.core.containers import npz_names, read_npy, read_npz
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.npz import save_npz
 
@@ -19,6 +20,28 @@ def test_numpy_reads_what_was_written(tmp_path):
         for name, array in arrays.items():
             assert read[name].dtype == array.dtype
             np.testing.assert_array_equal(read[name], array)
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed, save_npz])
+def test_arrays_are_read_as_numpy_reads_them(tmp_path, save):
+    arrays = {
+        "columns": np.asfortranarray(np.arange(6.0, dtype=np.float32).reshape(2, 3)),
+        "none": np.zeros((0, 3)),
+        "scalar": np.float64(25.0),
+        "texts": np.array(["", "é"]),
+        "big_endian": np.arange(3, dtype=">i4"),
+        "unneeded": np.zeros(3),
+    }
+    save(tmp_path / "a.npz", **arrays)
+    assert set(npz_names(tmp_path / "a.npz", "npz")) == set(arrays)
+    read = read_npz(tmp_path / "a.npz", {*arrays, "absent"} - {"unneeded"}, "npz")
+    assert set(read) == set(arrays) - {"unneeded"}
+    for name, array in read.items():
+        assert array.dtype == arrays[name].dtype
+        assert array.flags.writeable
+        np.testing.assert_array_equal(array, arrays[name])
+    np.save(tmp_path / "a.npy", arrays["columns"])
+    np.testing.assert_array_equal(read_npy(tmp_path / "a.npy", "npy"), arrays["columns"])
 
 
 def test_objects_are_refused(tmp_path):

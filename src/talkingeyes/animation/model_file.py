@@ -149,7 +149,7 @@ def _check_content(path: Path, packed: PackedMetadata) -> None:
             kind = node.get("kind")
             if isinstance(kind, str) and ":" in kind and os.environ.get(ALLOW_PLUGINS) != "1":
                 raise InputError(
-                    f"{path}: names the class {kind[:80]!r}, whose module would be run; {ALLOW_PLUGINS}=1 allows it"
+                    f"{path}: names the class {kind!r}, whose module would be run; {ALLOW_PLUGINS}=1 allows it"
                 )
             # Without its architecture, the network is built from the checkpoint that the settings name.
             if not node.get("architecture") and any(

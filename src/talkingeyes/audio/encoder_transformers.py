@@ -76,8 +76,7 @@ def _load(settings: TransformersSettings) -> Any:
             raise
         known = "a downloaded checkpoint" if local else "a hub name that can be reached"
         raise InputError(
-            f"embed.encoder.checkpoint: should be a local folder or {known}, got "
-            f"{settings.checkpoint!r} ({' '.join(str(error).split())[:200]})"
+            f"embed.encoder.checkpoint: should be a local folder or {known}, got {settings.checkpoint!r} ({error})"
         ) from None
     if settings.layer > config.num_hidden_layers:
         raise InputError(f"embed.encoder.layer: should be at most {config.num_hidden_layers}, got {settings.layer}")

@@ -50,5 +50,5 @@ def read_index(path: Path) -> list[Clip]:
     for clip in clips:
         for column in FILE_COLUMNS:
             if not FILE_NAME.fullmatch(name := str(getattr(clip, column))):
-                raise InputError(f"{path}: {column} should be letters, digits, _ . + and -, got {name[:80]!r}")
+                raise InputError(f"{path}: {column} should be letters, digits, _ . + and -, got {name!r}")
     return clips

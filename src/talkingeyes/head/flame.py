@@ -142,7 +142,7 @@ def read_landmarks(path: Path, faces: Int[ndarray, "F 3"]) -> Landmarks:
 def _array(path: Path, content: dict[str, Any], name: str) -> ndarray:
     shape = ARRAY_SHAPES[name]
     if name not in content:
-        raise InputError(f"{path}: a FLAME model should hold {name} {shape}, got {', '.join(map(str, content))[:200]}")
+        raise InputError(f"{path}: a FLAME model should hold {name} {shape}, got {', '.join(map(str, content))}")
     try:
         array = as_array(content[name])
         finite = bool(np.isfinite(array).all())
@@ -190,7 +190,7 @@ def _npy_header_bytes(path: Path) -> int:
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (ValueError, SyntaxError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: not a readable landmark embedding ({' '.join(str(error).split())})") from None
+        raise InputError(f"{path}: not a readable landmark embedding ({error})") from None
 
 
 def _no_landmarks() -> Landmarks:

@@ -161,4 +161,4 @@ def _encoded(text: str, encoding: str = "latin1") -> bytes:
 
 
 def _line(error: Exception) -> str:
-    return " ".join(str(error).split())[:120] or "it ends too early"
+    return str(error) or "it ends too early"

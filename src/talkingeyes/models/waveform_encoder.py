@@ -139,5 +139,5 @@ def _network(settings: WaveformEncoderSettings, architecture: Mapping[str, Any] 
             raise
         raise InputError(
             f"speech.waveform_encoder.checkpoint: should be a local folder or a reachable hub name, got "
-            f"{settings.checkpoint!r} ({' '.join(str(error).split())[:200]})"
+            f"{settings.checkpoint!r} ({error})"
         ) from None

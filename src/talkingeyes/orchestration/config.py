@@ -115,7 +115,7 @@ def one_line_hydra_errors() -> Iterator[None]:
     try:
         yield
     except (HydraException, OmegaConfBaseException) as error:
-        raise InputError(" ".join(str(error).split())) from None
+        raise InputError(str(error)) from None
 
 
 def validate_config(params: Any) -> dict[str, Any]:

@@ -35,7 +35,7 @@ def serve_messages(handler: Callable[[Any], Any], source: BinaryIO, target: Bina
         try:
             reply = (DONE, None if message is None else handler(message))  # None: a readiness check
         except InputError as error:
-            reply = (INPUT_ERROR, " ".join(str(error).split()))
+            reply = (INPUT_ERROR, str(error))
         except Exception as error:  # any decoder error is reported
             reply = (INTERNAL_ERROR, f"{type(error).__name__}: {error}"[:300])
         target.write(pack_message(reply))

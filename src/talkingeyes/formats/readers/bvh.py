@@ -50,7 +50,7 @@ def read_bvh(path: Path, fps: float | None = None) -> Motion:
         for ours, theirs in JOINT_ALIASES.items()
     }
     if found["head"] is None and found["left_eye"] is None:
-        raise InputError(f"{path}: should have a joint head or left_eye, got {', '.join(columns)[:120]}")
+        raise InputError(f"{path}: should have a joint head or left_eye, got {', '.join(columns)}")
     turned = {name: _turned(values, each) for name, each in found.items()}
     gaze = np.stack([turned["left_eye"], turned["right_eye"]], axis=1)
     return Motion.of(

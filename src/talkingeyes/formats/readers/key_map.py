@@ -66,7 +66,7 @@ def load_key_map(path: Path) -> KeyMap:
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
-        raise InputError(f"{path}: {where}: {first['msg']}, got {str(first['input'])[:60]!r}") from None
+        raise InputError(f"{path}: {where}: {first['msg']}, got {first['input']!r}") from None
 
 
 def read_with_map(path: Path, mapping: KeyMap, fps: float | None = None) -> Motion:
@@ -135,7 +135,7 @@ def _of_eyes(rows: ndarray, field: ArrayMapping, width: int) -> ndarray:
 def _rows(path: Path, content: Mapping[str, ndarray], name: str, field: ArrayMapping) -> ndarray:
     key = field.key or ("" if "" in content else name)
     if key not in content:
-        raise InputError(f"{path}: should hold {key or name}, got {', '.join(content)[:120] or 'one array'}")
+        raise InputError(f"{path}: should hold {key or name}, got {', '.join(content) or 'one array'}")
     array = np.asarray(content[key])
     array = array[0] if array.ndim > 2 and len(array) == 1 else array
     if array.ndim < 2 or array.dtype.kind not in "fiu":
@@ -164,7 +164,7 @@ def _rate(path: Path, content: Mapping[str, ndarray], mapping: KeyMap, fps: floa
     if isinstance(mapping.fps, ArrayMapping):
         key = mapping.fps.key or "fps"
         if key not in content:
-            raise InputError(f"{path}: should hold {key}, got {', '.join(content)[:120]}")
+            raise InputError(f"{path}: should hold {key}, got {', '.join(content)}")
         return float(np.asarray(content[key]).reshape(-1)[0])
     if mapping.fps is None:
         raise InputError(f"{path}: should contain its frame rate, got none; set --fps, or fps in the map")

@@ -61,7 +61,7 @@ def read_motion(path: Path, fps: float | None = None, mapping: KeyMap | None = N
         OverflowError,
         MemoryError,
     ) as error:  # errors that no reader handles
-        raise InputError(f"{path}: not readable as {name} ({' '.join(repr(error).split())[:120]})") from None
+        raise InputError(f"{path}: not readable as {name} ({error!r})") from None
     return ImportedMotion(motion, name, tuple(check_motion(path, motion)))
 
 

@@ -23,7 +23,7 @@ def read_usd(path: Path, fps: float | None = None) -> Motion:
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
-        raise InputError(f"{path}: not a readable USD stage ({' '.join(str(error).split())[:120]})") from None
+        raise InputError(f"{path}: not a readable USD stage ({error})") from None
     found = next((UsdSkel.Animation(prim) for prim in stage.Traverse() if prim.IsA(UsdSkel.Animation)), None)
     if found is None:
         raise InputError(f"{path}: should hold a SkelAnimation, got none")
