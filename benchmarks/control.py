@@ -77,7 +77,7 @@ def _hits(one: Animation, track: TargetTrack, name: str, fps: float) -> tuple[np
     motion, times = one.motion, np.arange(len(one.motion)) / fps
     places = track.object_track(name).at(times)
     miss = np.degrees(line_of_sight.gaze_error_rad(motion.head, motion.gaze, places, "world"))
-    angles = rotation.gaze_to_angles(motion.gaze) - line_of_sight.KAPPA_RAD
+    angles = rotation.gaze_to_angles(motion.gaze) - line_of_sight.MEAN_KAPPA_RAD
     space = line_of_sight.cyclopean_line_of_sight_rad(rotation.gaze_in_space(motion.head, motion.gaze))
     beside = np.degrees(np.hypot(*(space - line_of_sight.point_direction_rad(motion.head, places)).T))
     on = np.any([(times >= each.start_s + 0.8) & (times < each.end_s - 0.05) for each in track.targets], axis=0)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import toy_motions
 
+from talkingeyes.animation.line_of_sight import from_forward_axes
 from talkingeyes.cli import main as cli
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
@@ -38,7 +39,7 @@ def test_vhap_joins_head_and_neck_and_has_the_left_eye_first(tmp_path: Path) -> 
     parts = {"rotation": small(9, 3), "neck_pose": small(9, 3), "jaw_pose": small(9, 3), "eyes_pose": small(9, 6)}
     others = {"expr": small(9, 100), "shape": small(300), "translation": small(9, 3), "timestep_id": np.arange(9)}
     np.savez(tmp_path / "a.npz", **{name: array.astype(np.float32) for name, array in (parts | others).items()})
-    motion = read_motion(tmp_path / "a.npz", 25.0).motion
+    motion = read_motion(tmp_path / "a.npz", 25.0, eyes="optical").motion
     np.testing.assert_allclose(motion.head, compose_rotations(parts["rotation"], parts["neck_pose"]), atol=1e-6)
     np.testing.assert_allclose(motion.gaze[:, 0], parts["eyes_pose"][:, :3], atol=1e-6)
     assert motion.expression.shape == (9, 100)
@@ -63,7 +64,7 @@ def test_diffposetalk_has_head_and_jaw_in_its_pose(tmp_path: Path) -> None:
 def test_arrays_are_recognised_by_width(tmp_path: Path, width: int, name: str) -> None:
     rows = small(9, width)
     np.save(tmp_path / f"{name}.npy", rows[None] if width == 403 else rows)
-    motion = read_motion(tmp_path / f"{name}.npy", 25.0).motion
+    motion = read_motion(tmp_path / f"{name}.npy", 25.0, eyes="optical").motion
     jaw = {53: rows[:, 50:], 403: rows[:, 400:], 106: rows[:, 103:], 108: np.pad(rows[:, 103:104], ((0, 0), (0, 2)))}
     np.testing.assert_allclose(motion.jaw, jaw[width])
     first = rows[:, 300] if width == 403 else rows[:, 0]
@@ -181,7 +182,7 @@ def test_live_link_headers_and_time_gaps(tmp_path: Path) -> None:
         row[0] = "18:48:" + row[0][6:]
     del lines[40]
     (tmp_path / "a.csv").write_text("\n".join(",".join(line[k] for k in order) for line in lines))
-    motion = read_motion(tmp_path / "a.csv").motion
+    motion = read_motion(tmp_path / "a.csv", eyes="optical").motion
     assert (motion.fps, len(motion)) == (60.0, len(made))
     kept = np.arange(len(made)) != 39
     np.testing.assert_allclose(motion.gaze[kept], made.gaze[kept], atol=1e-6)
@@ -199,7 +200,7 @@ def test_live_link_angles_agree_with_look_shapes(tmp_path: Path, factor: float, 
             place = lines[0].index(name)
             row[place] = "0" if zero or "Roll" in name else f"{factor * float(row[place]):.9f}"
     (tmp_path / "a.csv").write_text("\n".join(map(",".join, lines)))
-    found = rotation.gaze_to_angles(read_motion(tmp_path / "a.csv").motion.gaze)
+    found = rotation.gaze_to_angles(read_motion(tmp_path / "a.csv", eyes="optical").motion.gaze)
     np.testing.assert_allclose(found, rotation.gaze_to_angles(made.gaze), atol=1e-5)
 
 
@@ -369,10 +370,13 @@ def test_imported_folder_is_readable_by_evaluate(
     for name in ("one", "two"):
         conversion_rows(toy_motions.motion(60.0, 2.5), tmp_path / "in" / f"{name}.csv")
     assert call(monkeypatch, "import", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--no-expression") == 0
-    assert "one: livelink, 2.50 s at 60 fps" in capfd.readouterr().out
+    told = capfd.readouterr()
+    assert "one: livelink, 2.50 s at 60 fps" in told.out
+    assert "two: note: eyes taken as lines of sight (--eyes visual); optical axes by the mean kappa, 4.5 de" in told.err
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["one.npz", "two.npz"]
     (found,) = read_motions(tmp_path / "out" / "one.npz")
-    np.testing.assert_allclose(found.fields["gaze"], toy_motions.motion(60.0, 2.5).gaze, atol=1e-6)
+    shown = from_forward_axes(toy_motions.motion(60.0, 2.5), "visual")
+    np.testing.assert_allclose(found.fields["gaze"], shown.gaze, atol=1e-6)
     assert Motion.load(tmp_path / "out" / "two.npz").expression_names == ()
 
 

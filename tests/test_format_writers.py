@@ -14,6 +14,7 @@ import pytest
 import toy_motions
 from scipy.spatial.transform import Rotation
 
+from talkingeyes.animation.line_of_sight import to_forward_axes
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
@@ -45,10 +46,15 @@ def exported(made: Path, tmp_path: Path, format: str, source: str = "anny") -> P
     return out
 
 
+def of_rig() -> Motion:
+    """The motion with lines of sight as forward axes of the eyes, as exports have it by default."""
+    return to_forward_axes(toy_motions.motion())
+
+
 @pytest.fixture(scope="module")
 def vertices() -> np.ndarray:
     """Posed vertices of the open head at FRAMES."""
-    moved = toy_motions.motion()
+    moved = of_rig()
     return np.concatenate(
         [posed_vertices(anny_head(), motion_to_pose(anny_head(), moved.cut(frame, frame + 1))) for frame in FRAMES]
     )
@@ -62,17 +68,14 @@ def vertices() -> np.ndarray:
     ],
 )
 def test_flame_parameters_are_arrays_by_name(made: Path, tmp_path: Path, format: str, names: dict[str, str]) -> None:
-    shown = toy_motions.flame_motion()
+    shown = to_forward_axes(toy_motions.flame_motion())
     with np.load(exported(made, tmp_path, format, "flame"), allow_pickle=False) as file:
         for name, field in names.items():
             assert file[name].dtype == np.float32
             np.testing.assert_allclose(file[name], getattr(shown, field), atol=1e-6)
         eyes = file["eyes_pose"] if format == "vhap" else np.hstack([file["leye_pose"], file["reye_pose"]])
-        assert (file["fps"], str(file["eye_order"]), str(file["head_model"])) == (
-            25.0,
-            "left,right (the subject's)",
-            "flame",
-        )
+        texts = [str(file[name]) for name in ("eye_order", "head_model", "forward_axis")]
+        assert (file["fps"], texts) == (25.0, ["left,right (the subject's)", "flame", "visual"])
         if format == "vhap":
             assert (file["shape"].shape, file["static_offset"].shape) == ((300,), (1, 5143, 3))
             assert not file["rotation"].any()
@@ -94,7 +97,7 @@ def test_live_link_has_names_time_codes_and_radians(made: Path, tmp_path: Path) 
     assert len(rows[0]) == 63
     assert {row["BlendShapeCount"] for row in rows} == {"61"}
     assert all(re.fullmatch(r"\d\d:\d\d:\d\d:\d\d\.\d{3}", row["Timecode"]) for row in rows)
-    shown = toy_motions.motion()
+    shown = of_rig()
     yaw, pitch = np.moveaxis(rotation.gaze_to_angles(shown.gaze), -1, 0)
     for eye, side in enumerate(("Left", "Right")):
         np.testing.assert_allclose([float(row[f"{side}EyeYaw"]) for row in rows], -yaw[:, eye], atol=1e-6)
@@ -137,7 +140,7 @@ def test_arkit_json_names_its_columns(made: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(
         table[:, content["names"].index("jawOpen")], toy_motions.motion().jaw[:, 0] / 0.506, atol=1e-6
     )
-    np.testing.assert_allclose(content["eyes"], toy_motions.motion().gaze, atol=1e-6)
+    np.testing.assert_allclose(content["eyes"], of_rig().gaze, atol=1e-6)
 
 
 def accessor(gltf, index: int) -> np.ndarray:  # type: ignore[no-untyped-def]
@@ -207,7 +210,7 @@ def test_vrm_looks_where_both_eyes_look_and_blinks(made: Path, tmp_path: Path) -
 
     gltf = pygltflib.GLTF2().load_binary(str(exported(made, tmp_path, "vrm")))
     assert gltf.extensionsUsed == ["VRMC_vrm_animation"]
-    vrm, moved, shown = gltf.extensions["VRMC_vrm_animation"], channels(gltf), toy_motions.motion()
+    vrm, moved, shown = gltf.extensions["VRMC_vrm_animation"], channels(gltf), of_rig()
     looking = gltf.nodes[vrm["lookAt"]["node"]].name
     euler = Rotation.from_quat(moved[looking, "rotation"]).as_euler("YXZ")
     mean = rotation.gaze_to_angles(shown.gaze).mean(axis=1)
@@ -255,7 +258,7 @@ def test_bvh_turns_joints_by_matrices(made: Path, tmp_path: Path) -> None:
     def about(axis: int, degrees: float) -> np.ndarray:
         return Rotation.from_euler("xyz"[axis], degrees, degrees=True).as_matrix()
 
-    shown = toy_motions.motion()
+    shown = of_rig()
     for frame in FRAMES:
         y, x, z = rows[frame, 12:15]  # right eye
         np.testing.assert_allclose(

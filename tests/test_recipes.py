@@ -17,6 +17,7 @@ import pytest
 import toy_motions
 
 import talkingeyes as te
+from talkingeyes.animation.line_of_sight import to_forward_axes
 from talkingeyes.formats.readers.live_link import ANGLE_SIGNS
 from talkingeyes.formats.rotations import euler_yxz
 from talkingeyes.head.anny import anny_head
@@ -48,9 +49,8 @@ def test_live_link_packets_are_those_of_the_app(repository: Path, tmp_path: Path
         sender = subprocess.Popen([sys.executable, str(script), str(tmp_path / "a.csv"), "--to", to])
         packets = [receiver.recv(2048) for _ in shown.head]
         assert sender.wait(20) == 0
-    angles = np.concatenate(
-        [euler_yxz(part) * ANGLE_SIGNS for part in (shown.head, shown.gaze[:, 0], shown.gaze[:, 1])], axis=1
-    )
+    eyes = to_forward_axes(shown).gaze
+    angles = np.concatenate([euler_yxz(part) * ANGLE_SIGNS for part in (shown.head, eyes[:, 0], eyes[:, 1])], axis=1)
     for index, sent in enumerate(packets):
         length = struct.unpack("!i", sent[41:45])[0]
         assert (struct.unpack("<i", sent[:4])[0], sent[4:5], sent[45 : 45 + length]) == (6, b"$", b"TalkingEyes")
@@ -68,7 +68,8 @@ def test_gaussian_avatars_finds_its_motion(tmp_path: Path) -> None:
         taken = {name: value for name, value in file.items() if value.dtype == np.float32}
     widths = {"translation": 3, "rotation": 3, "neck_pose": 3, "jaw_pose": 3, "eyes_pose": 6, "expr": 100}
     assert {name: taken[name].shape for name in widths} == {name: (len(shown), n) for name, n in widths.items()}
-    np.testing.assert_allclose(taken["eyes_pose"][:, :3], shown.gaze[:, 0], atol=1e-6)  # the left eye first
+    eyes = to_forward_axes(shown).gaze
+    np.testing.assert_allclose(taken["eyes_pose"][:, :3], eyes[:, 0], atol=1e-6)  # the left eye first
 
 
 def test_the_blender_script_reads_the_rate(repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,7 +103,7 @@ json.dump(found, open({str(tmp_path / "a.json")!r}, "w"))
 
 def vertices() -> np.ndarray:
     """The head at FRAMES, posed by this package."""
-    moved = toy_motions.motion()
+    moved = to_forward_axes(toy_motions.motion())
     return np.concatenate(
         [posed_vertices(anny_head(), motion_to_pose(anny_head(), moved.cut(frame, frame + 1))) for frame in FRAMES]
     )

@@ -212,10 +212,11 @@ class TestStreams:
         assert end == {"end": True, "frames": int(SECONDS * 25)}
         assert len(rows) == end["frames"]
         whole = live.generate_offline(heard.astype(np.float32), 5)
+        from talkingeyes.animation.line_of_sight import to_forward_axes
         from talkingeyes.apps.viewer.pose_encoding import pose_rows
         from talkingeyes.head.anny import anny_head
 
-        np.testing.assert_allclose(rows, pose_rows(anny_head(), whole), atol=1e-4)
+        np.testing.assert_allclose(rows, pose_rows(anny_head(), to_forward_axes(whole)), atol=1e-4)
 
     @pytest.mark.parametrize("client", ["python", "javascript"])
     def test_the_clients_of_the_recipes_receive_every_frame(

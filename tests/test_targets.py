@@ -45,7 +45,7 @@ def test_eyes_converge_by_the_distance() -> None:
     for distance in (0.3, 0.6, 2.0):
         track = TargetTrack((Target(1.0, 5.0, "it"),), {"it": ObjectTrack.fixed(0.0, 0.0, distance)})
         made = motion(targets=track)
-        sight_rad = rotation.gaze_to_angles(made.gaze) - line_of_sight.KAPPA_RAD
+        sight_rad = rotation.gaze_to_angles(made.gaze) - line_of_sight.MEAN_KAPPA_RAD
         vergence = np.degrees(sight_rad[:, 1, 0] - sight_rad[:, 0, 0])[75:120].mean()
         assert vergence == pytest.approx(np.degrees(2 * np.arctan(0.03145 / distance)), rel=0.1)
 

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ import soundfile
 from fastapi.testclient import TestClient
 from scipy.spatial.transform import Rotation
 
+from talkingeyes.animation import line_of_sight
+from talkingeyes.animation.line_of_sight import to_forward_axes
 from talkingeyes.apps.viewer.assets import NAMES, asset
 from talkingeyes.apps.viewer.pose_encoding import POSE_COLUMNS, pose_rows
 from talkingeyes.apps.viewer.scene import traces, waveform_peaks
@@ -24,11 +27,12 @@ from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Blink, Events, Motion
-from talkingeyes.core.rotation import angles_to_gaze
+from talkingeyes.core.rotation import angles_to_gaze, eye_in_head
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.formats.writers.glb import joint_offsets
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.posing import motion_to_pose
+from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.workflows.view import build_scene, write_page
 from tests.browser import CHROMIUM, open_browser
 from tests.toy_workspace import toy_workspace
@@ -186,21 +190,15 @@ def test_without_three_js_the_page_says_what_to_install(monkeypatch: pytest.Monk
 
 @pytest.fixture
 def address(place: Path) -> Iterator[str]:
+    """The page of two motions with their truth."""
+    with served("a.npz", "b.npz", "--truth", "true.npz", "--sound", "a.wav", "--annotation", "words.json") as found:
+        yield found
+
+
+@contextmanager
+def served(*words: str) -> Iterator[str]:
     """Run the command on a free port."""
-    words = [
-        "view",
-        "a.npz",
-        "b.npz",
-        "--truth",
-        "true.npz",
-        "--sound",
-        "a.wav",
-        "--annotation",
-        "words.json",
-        "--port",
-        "0",
-    ]
-    command = [sys.executable, "-m", "talkingeyes.cli.main", *words]
+    command = [sys.executable, "-m", "talkingeyes.cli.main", "view", *words, "--port", "0"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     with process:
@@ -246,6 +244,43 @@ def test_heads_play_synchronously_in_a_browser(address: str, tmp_path: Path) -> 
         browser.wait_for("document.body.dataset.frames == '12,12,12'")  # a quarter of two seconds
         browser.screenshot(tmp_path / "page.png")
     assert (tmp_path / "page.png").stat().st_size > 50_000
+
+
+RAYS = """(async () => {
+    const { THREE } = await import("./three.js"), { Stage } = await import("./stage.js");
+    const stage = await Stage.open(document.createElement("canvas"), "head.glb", [document.body]);
+    const rows = new Float32Array(await (await fetch("poses/0")).arrayBuffer());
+    const frames = 4, columns = rows.length / frames;
+    const found = [], point = new THREE.Vector3();
+    for (let frame = 0; frame < frames; frame++) {
+        stage.pose(0, rows.subarray(frame * columns, (frame + 1) * columns));
+        stage.heads[0].scene.updateMatrixWorld(true);
+        found.push(stage.heads[0].rays.map(({ geometry, matrixWorld }) => [0, 1].map((end) =>
+            point.fromBufferAttribute(geometry.attributes.position, end).applyMatrix4(matrixWorld).toArray())));
+    }
+    return found;
+})()"""
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium; Debian has it in the package chromium")
+def test_gaze_rays_go_from_the_pupils_to_what_is_looked_at(place: Path, tmp_path: Path) -> None:
+    """In the page of the command; the last frame has parallel lines of sight, which meet nowhere."""
+    points = np.array([[0.0, 0.0, 1.0], [0.3, 0.1, 0.9], [-0.1, -0.05, 0.5]])
+    head = np.array([[0.0, 0.0, 0.0], [0.0, 0.2, 0.0], [-0.05, 0.0, 0.02], [0.0, 0.0, 0.0]])
+    axes = line_of_sight.optical_axes_rad(head[:3], points, "world")
+    axes = np.concatenate([axes, line_of_sight.MEAN_KAPPA_RAD[None]])
+    Motion.of(FPS, head, eye_in_head(head, axes)).save(Path("met.npz"))
+    model = anny_head()
+    vertices = posed_vertices(model, motion_to_pose(model, to_forward_axes(Motion.load(Path("met.npz")))))
+    with served("met.npz") as address, open_browser(tmp_path / "profile") as browser:
+        browser.open(address)
+        browser.wait_for("document.body.dataset.state == 'paused'")
+        rays = np.array(browser.value(RAYS))  # frame, eye, end, axis
+    np.testing.assert_allclose(rays[:, :, 0], vertices[:, model.pupils], atol=1e-5)
+    met = points[:, None] + line_of_sight.BETWEEN_EYES_M
+    assert np.linalg.norm(rays[:3, :, 1] - met, axis=-1).max() < 0.01
+    np.testing.assert_allclose(np.linalg.norm(rays[3, :, 1] - model.eye_centres, axis=-1), 1.0, atol=1e-5)
 
 
 @pytest.mark.browser

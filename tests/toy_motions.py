@@ -26,12 +26,12 @@ def events() -> Events:
 
 
 def motion(fps: float = 25.0, seconds: float = 3.0) -> Motion:
-    """The events with a swaying head, eyes converged by 4 degrees, all face coefficients between 0 and 0.4."""
+    """The events, a swaying head, lines of sight converged by 4 degrees, all face coefficients between 0 and 0.4."""
     times = np.arange(round(seconds * fps)) / fps
     waves = np.sin(2 * np.pi * times[:, None] * [0.31, 0.47, 0.23] + [0.2, 1.0, 2.0])
     head = waves * np.radians([3.0, 6.0, 2.0])
     space = np.repeat(saccades.gaze_path(events().saccades, (0.0, 0.0), times)[:, None], 2, axis=1)
-    space[..., 0] += np.radians([-2.0, 2.0])
+    space[..., 0] += np.radians([2.5, -2.5])  # optical axes, 4.5 degrees aside of the lines of sight
     shut = blinks.blink_closure(BLINKS, times)[:, None]
     lid = np.repeat(-0.05 + 1.05 * shut, 2, axis=1)
     expression = 0.2 + 0.2 * np.sin(times[:, None] * np.linspace(1, 5, len(arkit.EXPRESSION)))

@@ -28,6 +28,12 @@ def export_motion(
     fps: Annotated[
         float | None, typer.Option(help="Frame rate of the output, 10 to 240. Default: that of the motion.")
     ] = None,
+    eyes: Annotated[
+        str,
+        typer.Option(
+            help="Forward axes of the eyes: visual (lines of sight, for avatars) or optical (for photographs)."
+        ),
+    ] = "visual",
     keys: Annotated[Path | None, typer.Option(help="Edited saccades and blinks (.events.json).")] = None,
     sound: Annotated[Path | None, typer.Option(help="The speech, for mp4.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
@@ -36,7 +42,9 @@ def export_motion(
     from talkingeyes.workflows.convert import export, format_of
 
     format = format or format_of(out)
-    done = export(motion, out, format=format, head=head, model=model, fps=fps, keys=keys, sound=sound, force=force)
+    done = export(
+        motion, out, format=format, head=head, model=model, fps=fps, eyes=eyes, keys=keys, sound=sound, force=force
+    )
     typer.echo(f"{out}: {format}, {done.seconds:.2f} s at {done.fps:g} fps")
 
 
@@ -52,13 +60,17 @@ def import_motions(
         Path | None, typer.Option("--map", help="Meaning of the arrays of an npy or npz (YAML; docs/formats.md).")
     ] = None,
     fps: Annotated[float | None, typer.Option(help="Frames per second of files that do not state it.")] = None,
+    eyes: Annotated[
+        str | None,
+        typer.Option(help="Forward axes of the eyes in the files: visual or optical. Default: as the format has them."),
+    ] = None,
     expression: Annotated[bool, typer.Option(help="Keep jaw and expression.")] = True,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
 ) -> None:
     """Read motion of other programs, so that it can be evaluated and rendered here."""
     from talkingeyes.workflows.convert import import_files
 
-    for done in import_files(files, out, fps=fps, mapping=mapping, expression=expression, force=force):
+    for done in import_files(files, out, fps=fps, mapping=mapping, eyes=eyes, expression=expression, force=force):
         motion = done.read.motion
         typer.echo(f"{done.name}: {done.read.format}, {motion.seconds:.2f} s at {motion.fps:g} fps")
         for note in done.read.notes:

@@ -19,13 +19,18 @@ def render(
     ] = "head",
     sound: Annotated[Path | None, typer.Option(help="The speech, as sound track.")] = None,
     size: Annotated[int, typer.Option(help="Pixels, 16 to 4096.")] = 512,
+    eyes: Annotated[
+        str, typer.Option(help="What the pupils show: visual (the lines of sight) or optical (the optical axes).")
+    ] = "visual",
     keys: Annotated[Path | None, typer.Option(help="Edited saccades and blinks: an .events.json of `animate`.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
 ) -> None:
     """Render a motion on a head as a video, with sound, at the motion's own frame rate."""
     from talkingeyes.workflows.render import render as make
 
-    done = make(motion, out, head=head, model=model, camera=camera, sound=sound, size=size, keys=keys, force=force)
+    done = make(
+        motion, out, head=head, model=model, camera=camera, sound=sound, size=size, eyes=eyes, keys=keys, force=force
+    )
     typer.echo(f"{out}: {done.seconds:.2f} s at {done.fps:g} fps")
 
 

@@ -22,6 +22,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.animation.controls import Controls
+from talkingeyes.animation.line_of_sight import to_forward_axes
 from talkingeyes.animation.model_file import find_model
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core import output_folder
@@ -295,7 +296,7 @@ def _write_sample(
         )
     if options.previews:
         renderer = HeadRenderer(anny_head(), FRAMINGS["head"].view(VIDEO_PX, VIDEO_PX))
-        frames = renderer.draw(motion)
+        frames = renderer.draw(to_forward_axes(motion))
         previews = progress_bar(frames, f"{stem.name}.mp4", len(motion)) if show_progress else frames
         write_video(stem.with_name(f"{stem.name}.mp4"), iter(previews), motion.fps, sound)
 
@@ -310,4 +311,5 @@ def _draw(folder: Path, animations: Sequence[Animation], sound: Float[ndarray, "
     motions = [performance.motion for performance in animations]
     plot_traces(motions, sound, folder / "traces.png")
     times_s = [(column + 0.5) * motions[0].seconds / SHEET_COLUMNS for column in range(SHEET_COLUMNS)]
-    Image.fromarray(contact_sheet(anny_head(), motions[:SHEET_ROWS], times_s, SHEET_PX)).save(folder / "sheet.png")
+    shown = [to_forward_axes(motion) for motion in motions[:SHEET_ROWS]]
+    Image.fromarray(contact_sheet(anny_head(), shown, times_s, SHEET_PX)).save(folder / "sheet.png")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from talkingeyes.animation.line_of_sight import check_forward_axis, to_forward_axes
 from talkingeyes.core import output_folder
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
@@ -73,15 +74,17 @@ def export(
     head: str = "anny",
     model: Path | str | None = None,
     fps: float | None = None,
+    eyes: str = "visual",
     keys: Path | str | None = None,
     sound: Path | str | None = None,
     force: bool = False,
 ) -> Motion:
-    """Write a motion (or that of a file) in another format; returns the written motion.
+    """Write a motion (or that of a file) in another format; returns the motion.
 
     Without `format`, the suffix of `out` selects it, if only one format has this suffix. `head` and `model` are as for
     `render`; the model also maps expressions between the open head and FLAME. `fps` resamples the motion by its events;
-    `keys` are its edited saccades and blinks.
+    `keys` are its edited saccades and blinks. `eyes` says what the forward axes of the written eyes are: lines of sight
+    (`visual`, for avatars) or optical axes (`optical`, for comparison with photographs).
 
     Raises InputError (one line) for invalid arguments.
     """
@@ -90,6 +93,7 @@ def export(
         raise InputError(f"format: should be one of {', '.join(FORMATS)}, got {named!r}")
     if sound is not None and named != "mp4":
         raise InputError(f"sound: should be used with mp4 only, got {named}")
+    check_forward_axis(eyes)
     output_path = _target(Path(out), FORMATS[named].suffix, force)
     shown, events = _motion_and_events(motion)
     if keys is not None:
@@ -104,9 +108,9 @@ def export(
         events = detect_events(shown) if events is None else events
         shown = resample_motion(shown, events, fps)
     if named == "mp4":
-        return _film(shown, output_path, head, model, sound)
+        return _film(shown, output_path, head, model, sound, eyes)
     try:
-        write_motion(shown, events, named, output_path, head, model)
+        write_motion(shown, events, named, output_path, head, model, eyes)
     except OSError as error:
         raise InputError(f"{out}: should be a file that can be written, got: {error.strerror or error}") from None
     return shown
@@ -130,7 +134,13 @@ def _motion_and_events(motion: Path | str | Motion | Animation) -> tuple[Motion,
 
 
 def write_motion(
-    motion: Motion, events: Events | None, format: str, path: Path, head: str = "anny", model: Path | str | None = None
+    motion: Motion,
+    events: Events | None,
+    format: str,
+    path: Path,
+    head: str = "anny",
+    model: Path | str | None = None,
+    eyes: str = "visual",
 ) -> None:
     """Write a motion in a format other than mp4. `events` become its keys, if they are known."""
     from talkingeyes.formats.writers import arkit, bvh, event_keys, flame_parameters, glb, usd, vertices, vrm
@@ -138,19 +148,20 @@ def write_motion(
     expression = FORMATS[format].expression
     shown_on = head if expression == "chosen" else "anny"
     target_head = load_head(shown_on, None if shown_on == "anny" else model)
-    shown = motion if expression == "none" else retarget_expression(motion, expression, target_head, model)
+    turned = to_forward_axes(motion, eyes)
+    shown = turned if expression == "none" else retarget_expression(turned, expression, target_head, model)
     writers: dict[str, Callable[[], None]] = {
-        "flame": lambda: flame_parameters.write_flame(shown, path),
-        "vhap": lambda: flame_parameters.write_vhap(shown, path),
-        "diffposetalk": lambda: flame_parameters.write_diffposetalk(shown, path),
+        "flame": lambda: flame_parameters.write_flame(shown, path, eyes),
+        "vhap": lambda: flame_parameters.write_vhap(shown, path, eyes),
+        "diffposetalk": lambda: flame_parameters.write_diffposetalk(shown, path, eyes),
         "livelink": lambda: arkit.write_live_link(shown, path),
-        "arkit": lambda: arkit.write_json(shown, path),
+        "arkit": lambda: arkit.write_json(shown, path, eyes),
         "glb": lambda: glb.write_glb(shown, target_head, path),
         "vrm": lambda: vrm.write_vrm(shown, path),
         "usd": lambda: usd.write_usd(shown, target_head, path),
         "vocaset": lambda: vertices.write_vertices(shown, target_head, path),
         "bvh": lambda: bvh.write_bvh(shown, target_head, path),
-        "events": lambda: event_keys.write_keys(shown, path, events),
+        "events": lambda: event_keys.write_keys(motion, path, events),
     }
     writers[format]()
 
@@ -191,12 +202,14 @@ def import_files(
     *,
     fps: float | None = None,
     mapping: Path | str | None = None,
+    eyes: str | None = None,
     expression: bool = True,
     force: bool = False,
 ) -> list[ImportedFile]:
     """Write the motions of external files as Motion files: one as `out`.npz, or any number into a folder.
 
-    `fps` is for files without a frame rate, `mapping` a key map; without `expression`, the face is dropped.
+    `fps` is for files without a frame rate, `mapping` a key map; `eyes` is as for `export`, by default what the format
+    usually holds; without `expression`, the face is dropped.
     """
     from talkingeyes.formats.readers.key_map import load_key_map
     from talkingeyes.formats.readers.read_motion import read_motion
@@ -212,7 +225,7 @@ def import_files(
     key_map = None if mapping is None else load_key_map(Path(mapping))
     done = []
     for name, path in progress_bar(found.items(), "import", len(found)):
-        read = read_motion(path, fps, key_map)
+        read = read_motion(path, fps, key_map, eyes)
         done.append(ImportedFile(name, read if expression else replace(read, motion=_without_face(read.motion))))
     try:
         _save(done, output_path, single)
@@ -277,10 +290,12 @@ def _events_beside(motion: Path) -> Events | None:
     return load_original(path)
 
 
-def _film(motion: Motion, output_path: Path, head: str, model: Path | str | None, sound: Path | str | None) -> Motion:
+def _film(
+    motion: Motion, output_path: Path, head: str, model: Path | str | None, sound: Path | str | None, eyes: str
+) -> Motion:
     from talkingeyes.workflows.render import film
 
-    return film(motion, output_path, head=head, model=model, sound=sound)
+    return film(motion, output_path, head=head, model=model, sound=sound, eyes=eyes)
 
 
 def _target(out: Path, suffix: str, force: bool) -> Path:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from talkingeyes.animation.line_of_sight import check_forward_axis, to_forward_axes
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.rendering.view import FRAMINGS, Framing
@@ -39,12 +40,14 @@ def render(
     camera: str = "head",
     sound: Path | str | None = None,
     size: int = 512,
+    eyes: str = "visual",
     keys: Path | str | None = None,
     force: bool = False,
 ) -> Motion:
     """Render the motion of a file on a head as a video; returns the rendered motion.
 
-    `keys`: edited saccades and blinks (`talkingeyes export -f events`).
+    `keys`: edited saccades and blinks (`talkingeyes export -f events`). `eyes`: the pupils show the lines of sight
+    (`visual`), so that the head looks at what its motion looks at, or the optical axes (`optical`), as in photographs.
 
     `camera` is a name of FRAMINGS, or numbers (`yaw=30,pitch=10,distance=0.9,height=0.3`), or a name and numbers.
     Angles are in degrees; positive angles move the camera to the subject's left and up. Raises InputError (one line)
@@ -52,13 +55,14 @@ def render(
     """
     target = check_output_file(Path(out), ".mp4", force)
     _within("size", size, VIDEO_BOUNDS_PX)
+    check_forward_axis(eyes)
     parse_camera(camera).view(size, size)  # validated before anything is read
     shown = Motion.load(Path(motion))
     if keys is not None:
         from talkingeyes.animation.event_keys import apply_key_edits, load_keys
 
         shown = apply_key_edits(shown, load_keys(Path(keys)))
-    return film(shown, target, head=head, model=model, camera=camera, sound=sound, size=size)
+    return film(shown, target, head=head, model=model, camera=camera, sound=sound, size=size, eyes=eyes)
 
 
 def film(
@@ -70,6 +74,7 @@ def film(
     camera: str = "head",
     sound: Path | str | None = None,
     size: int = 512,
+    eyes: str = "visual",
 ) -> Motion:
     """Render a motion on a head as a video; returns the motion retargeted to the head."""
     from talkingeyes.audio.waveform import read_speech
@@ -82,7 +87,9 @@ def film(
     played = retarget_to_head(motion, target_head, model)
     framing = parse_camera(camera)
     view = framing.centred_on(target_head.eye_centres).view(size, size)
-    pictures = iter(progress_bar(HeadRenderer(target_head, view).draw(played), target.name, len(played)))
+    pictures = iter(
+        progress_bar(HeadRenderer(target_head, view).draw(to_forward_axes(played, eyes)), target.name, len(played))
+    )
     try:
         write_video(target, pictures, played.fps, audio)
     except OSError as error:

@@ -15,6 +15,7 @@ from typing import Any
 
 import soundfile
 
+from talkingeyes.animation.line_of_sight import to_forward_axes
 from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL, PACKAGED_MODEL, find_model
 from talkingeyes.apps.service.animation_request import AnimationRequest, Limits
 from talkingeyes.apps.viewer.local_server import LOCALHOST, serve
@@ -108,7 +109,7 @@ def file_workers(model: str) -> Callable[[Any], Any]:
         performance.save(folder / "motion.npz")
         soundfile.write(folder / "sound", sound, SAMPLE_RATE, format="WAV", subtype="PCM_16")
         motion = performance.motion
-        rows = pose_rows(head, motion)
+        rows = pose_rows(head, to_forward_axes(motion))
         (folder / "poses").write_bytes(rows.tobytes())
         return {"seconds": motion.seconds, "fps": motion.fps, "frames": len(motion), "columns": rows.shape[1]}
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.animation.line_of_sight import to_forward_axes
 from talkingeyes.apps.viewer.local_server import LOCALHOST, serve
 from talkingeyes.apps.viewer.scene import NO_EVENTS, Scene, ViewerMotion
 from talkingeyes.audio.annotation import Annotation, Span
@@ -99,7 +100,7 @@ def _scene_on_head(
     target_head = load_head(head, model)
     scene = build_scene(motions, truth=truth, sound=sound, words=words, corpus=corpus)
     viewer_motions = tuple(
-        replace(viewer_motion, motion=retarget_to_head(viewer_motion.motion, target_head, model))
+        replace(viewer_motion, motion=to_forward_axes(retarget_to_head(viewer_motion.motion, target_head, model)))
         for viewer_motion in scene.viewer_motions
     )
     return replace(scene, viewer_motions=viewer_motions), target_head

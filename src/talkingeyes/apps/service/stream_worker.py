@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from talkingeyes.animation.line_of_sight import to_forward_axes
 from talkingeyes.animation.streaming import LiveControls, LiveModel, LiveStream, StreamFrames
 from talkingeyes.apps.service.animation_request import AnimationRequest, PoseChunk
 from talkingeyes.apps.viewer.pose_encoding import pose_rows
@@ -34,7 +35,7 @@ def stream_worker(model: str) -> Callable[[Any], Any]:
     def pose_chunk(frames: StreamFrames) -> PoseChunk:
         if not len(frames):
             return PoseChunk(0, b"")
-        motion = Motion.of(live.fps, frames.head, frames.gaze, lid=frames.lid)
+        motion = to_forward_axes(Motion.of(live.fps, frames.head, frames.gaze, lid=frames.lid))
         return PoseChunk(len(frames), FIRST_FRAME.pack(frames.first) + pose_rows(head, motion).tobytes())
 
     def open_stream(key: str, animation_request: AnimationRequest) -> dict[str, float]:

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray
 
+from talkingeyes.animation.line_of_sight import to_forward_axes
 from talkingeyes.apps.study.design import Design
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.core.errors import InputError
@@ -111,5 +112,5 @@ def _late(sound: Float[ndarray, " N"]) -> Float[ndarray, " M"]:
 
 
 def _pictures(renderer: HeadRenderer, content: FilmContent) -> Iterator[UInt8[ndarray, "H W 3"]]:
-    for image in renderer.draw(content.motion):
+    for image in renderer.draw(to_forward_axes(content.motion)):
         yield image[::-1] if content.fault == "upside_down" else image

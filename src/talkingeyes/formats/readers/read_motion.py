@@ -14,11 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
+from talkingeyes.animation.line_of_sight import MEAN_KAPPA_RAD, check_forward_axis, from_forward_axes
 from talkingeyes.core import rotation
 from talkingeyes.core.containers import read_npz
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import CONVENTIONS, Motion
 from talkingeyes.formats.readers import tables
+from talkingeyes.formats.readers.forward_axis import default_forward_axis
 from talkingeyes.formats.readers.key_map import KeyMap, read_with_map
 
 Reader = Callable[[Path, float | None], Motion]
@@ -30,7 +32,13 @@ SUFFIXES = (
 MAX_RAD = {"gaze": 1.4, "head": 3.2, "jaw": 1.2}  # larger values are not radians
 LID_BOUNDS = (-1.5, 1.5)
 OUTLIER_SHARE = 0.01  # fraction of frames that may exceed the bounds
-MAX_DIVERGENCE_DEG = 12.0  # mean; human optical axes diverge by about 5 degrees when lines of sight are parallel
+MAX_DIVERGENCE_DEG = 12.0  # mean; human optical axes diverge by about 9 degrees when lines of sight are parallel
+_ASIDE_DEG, _DOWN_DEG = np.degrees(MEAN_KAPPA_RAD[0]) * [1.0, -1.0]
+FORWARD_AXIS_NOTES = {
+    "visual": f"eyes taken as lines of sight (--eyes visual); optical axes by the mean kappa, {_ASIDE_DEG:.1f} degrees "
+    f"to the temple and {_DOWN_DEG:.1f} down",
+    "optical": "eyes taken as optical axes (--eyes optical), as in a motion",
+}
 
 
 @dataclass(frozen=True)
@@ -42,8 +50,14 @@ class ImportedMotion:
     notes: tuple[str, ...]
 
 
-def read_motion(path: Path, fps: float | None = None, mapping: KeyMap | None = None) -> ImportedMotion:
-    """Read a file of any format, and check units and eyes. `fps` is for files without a frame rate."""
+def read_motion(
+    path: Path, fps: float | None = None, mapping: KeyMap | None = None, eyes: str | None = None
+) -> ImportedMotion:
+    """Read a file of any format, and check units and eyes. `fps` is for files without a frame rate.
+
+    `eyes` says what the forward axes of the eyes in the file are: lines of sight (`visual`) or optical axes
+    (`optical`); by default what the file states, or what its format usually holds.
+    """
     if fps is not None and not 1 <= fps <= 1000:
         raise InputError(f"fps: should be 1 to 1000, got {fps:g}")
     if not path.exists():
@@ -51,6 +65,10 @@ def read_motion(path: Path, fps: float | None = None, mapping: KeyMap | None = N
     name, reader = ("map", partial(_mapped, mapping)) if mapping is not None else _reader(path)
     try:
         motion = reader(path, fps)
+        forward_axis = check_forward_axis(eyes or default_forward_axis(path, name))
+        notes = check_motion(path, motion)
+        notes += [FORWARD_AXIS_NOTES[forward_axis]] if motion.gaze.any() else []
+        motion = from_forward_axes(motion, forward_axis)
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
     except (
@@ -62,7 +80,7 @@ def read_motion(path: Path, fps: float | None = None, mapping: KeyMap | None = N
         MemoryError,
     ) as error:  # errors that no reader handles
         raise InputError(f"{path}: not readable as {name} ({error!r})") from None
-    return ImportedMotion(motion, name, tuple(check_motion(path, motion)))
+    return ImportedMotion(motion, name, tuple(notes))
 
 
 def _mapped(mapping: KeyMap, path: Path, fps: float | None) -> Motion:

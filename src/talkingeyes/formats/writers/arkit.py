@@ -17,10 +17,11 @@ from numpy import ndarray
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.motion import CONVENTIONS, Motion
 from talkingeyes.formats import arkit
+from talkingeyes.formats.readers.forward_axis import FORWARD_AXIS_KEY
 from talkingeyes.formats.readers.live_link import ANGLE_COLUMNS, ANGLE_SIGNS, BLENDSHAPE_COUNT
 from talkingeyes.formats.rotations import euler_yxz
 
-SCHEMA = "talkingeyes.arkit/1"
+SCHEMA = "talkingeyes.arkit/2"
 DIGITS = 7
 
 
@@ -36,12 +37,13 @@ def write_live_link(motion: Motion, path: Path) -> None:
         partial.write_text("\n".join([",".join(header), *rows]) + "\n")
 
 
-def write_json(motion: Motion, path: Path) -> None:
-    """{schema, fps, names, coefficients, head, eyes, translation}: one row per frame."""
+def write_json(motion: Motion, path: Path, eyes: str) -> None:
+    """{schema, fps, forward_axis, names, coefficients, head, eyes, translation}: one row per frame."""
     content = {
         "schema": SCHEMA,
         "fps": motion.fps,
         **{name: CONVENTIONS[name] for name in ("axes", "units", "rotations", "eye_order")},
+        FORWARD_AXIS_KEY: eyes,
         "look_degrees": round(math.degrees(arkit.LOOK_RANGE_RAD), 6),
         "names": list(arkit.NAMES),
         "coefficients": _rounded(arkit.coefficients(motion)),

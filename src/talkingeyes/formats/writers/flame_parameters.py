@@ -2,7 +2,8 @@
 
 The neck joint rotates the head, so `neck_pose` is the head's rotation and `rotation` is 0; the pivot is then the same
 as here. FLAME has no blinks: they are stored as `eyelids`, which players ignore. Where a layout has no eyes
-(DiffPoseTalk), they are stored additionally, too. Numbers are float32; texts state units, eye order and head model.
+(DiffPoseTalk), they are stored additionally, too. Numbers are float32; texts state units, eye order, head model and
+what the forward axes of the eyes are (`forward_axis`: `visual` or `optical`, animation/line_of_sight.py).
 """
 
 from __future__ import annotations
@@ -16,16 +17,18 @@ from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.motion import CONVENTIONS, Motion
 from talkingeyes.core.npz import save_npz
 from talkingeyes.formats.readers.flame_parameters import EXPRESSION
+from talkingeyes.formats.readers.forward_axis import FORWARD_AXIS_KEY
 
 SHAPE_COUNT, VHAP_VERTICES = 300, 5143  # FLAME's identity; VHAP's mesh, which has teeth
 METADATA = {name: CONVENTIONS[name] for name in ("axes", "units", "rotations", "eye_order")} | {"head_model": "flame"}
 
 
-def write_flame(motion: Motion, path: Path) -> None:
+def write_flame(motion: Motion, path: Path, eyes: str) -> None:
     """global_orient, neck_pose, jaw_pose, leye_pose, reye_pose, expression (100), betas (300), transl, eyelids, fps."""
     _save(
         path,
         motion,
+        eyes,
         {
             "global_orient": np.zeros((len(motion), 3)),
             "neck_pose": motion.head,
@@ -40,11 +43,12 @@ def write_flame(motion: Motion, path: Path) -> None:
     )
 
 
-def write_vhap(motion: Motion, path: Path) -> None:
+def write_vhap(motion: Motion, path: Path, eyes: str) -> None:
     """The names of VHAP's `tracked_flame_params`: one row per frame, one identity for all."""
     _save(
         path,
         motion,
+        eyes,
         {
             "rotation": np.zeros((len(motion), 3)),
             "neck_pose": motion.head,
@@ -60,11 +64,12 @@ def write_vhap(motion: Motion, path: Path) -> None:
     )
 
 
-def write_diffposetalk(motion: Motion, path: Path) -> None:
+def write_diffposetalk(motion: Motion, path: Path, eyes: str) -> None:
     """shape (100), exp (T, 50), pose (T, 6: head and jaw)."""
     _save(
         path,
         motion,
+        eyes,
         {
             "shape": np.zeros(100),
             "exp": expression_components(motion, 50),
@@ -85,8 +90,8 @@ def expression_components(motion: Motion, count: int) -> ndarray:
     return table
 
 
-def _save(path: Path, motion: Motion, arrays: dict[str, ndarray], **others: ndarray) -> None:
+def _save(path: Path, motion: Motion, eyes: str, arrays: dict[str, ndarray], **others: ndarray) -> None:
     numbers = {name: array.astype(np.float32) for name, array in arrays.items()}
-    texts = {name: np.str_(text) for name, text in METADATA.items()}
+    texts = {name: np.str_(text) for name, text in {**METADATA, FORWARD_AXIS_KEY: eyes}.items()}
     with atomic_write(path) as partial:
         save_npz(partial, fps=np.float64(motion.fps), **numbers, **others, **texts)

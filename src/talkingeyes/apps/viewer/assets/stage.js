@@ -10,8 +10,10 @@
 import { THREE, GLTFLoader, OrbitControls } from "./three.js";
 
 const JOINTS = ["neck", "jaw", "left_eye", "right_eye"]; // in the order of the quaternions of a row
+const FORWARD = new THREE.Vector3(0, 0, 1); // of an eye: its line of sight, on which its pupil lies
 const WEIGHTS = 3 + 4 * JOINTS.length; // index of the first weight in a row
-const RAY_M = [0.014, 0.4]; // start and end of a gaze ray, from the centre of the eye
+const FAR_M = 6; // lines of sight that meet farther away count as parallel
+const DEFAULT_DISTANCE_M = 1; // length of gaze rays that do not meet (animation/targets.py)
 const AWAY_M = 0.9; // distance of the camera from its target
 
 // The framings of rendering/view.py, metres and degrees; that of the eyes is taller, because these pictures are not wider than tall.
@@ -56,7 +58,7 @@ export class Stage {
       mesh.geometry = shared;
       mesh.frustumCulled = false;
       const joints = JOINTS.map((name) => scene.getObjectByName(name));
-      this.heads.push({ cell, mesh, joints, scene: lit(scene), root: scene.getObjectByName("root"), rays: rays(joints) });
+      this.heads.push({ cell, mesh, joints, scene: lit(scene), root: scene.getObjectByName("root"), rays: rays(mesh, joints.slice(2)) });
     }
     this.look("head");
   }
@@ -78,6 +80,8 @@ export class Stage {
     joints.forEach((joint, place) => joint.quaternion.fromArray(row, 3 + 4 * place));
     const weights = mesh.morphTargetInfluences;
     for (let shape = 0; shape < weights.length; shape++) weights[shape] = row[WEIGHTS + shape];
+    const ends = fixationDistances(...joints.slice(2).flatMap((eye) => [eye.position, FORWARD.clone().applyQuaternion(eye.quaternion)]));
+    this.heads[index].rays.forEach((ray, eye) => ray.geometry.attributes.position.setZ(1, ends[eye]).needsUpdate = true);
   }
 
   showRays(shown) {
@@ -115,14 +119,37 @@ function lit(scene) {
   return stage;
 }
 
-function rays(joints) {
-  return joints.slice(2).map((eye) => {
+// Distances, from the centres of both eyes along their forward axes (unit vectors), to where these lines are closest to
+// each other: to what is looked at. Lines that do not meet within FAR_M in front of the eyes: DEFAULT_DISTANCE_M.
+export function fixationDistances(left, leftAxis, right, rightAxis) {
+  const between = left.clone().sub(right);
+  const cosine = leftAxis.dot(rightAxis);
+  const [alongLeft, alongRight] = [leftAxis.dot(between), rightAxis.dot(between)];
+  const distances = [cosine * alongRight - alongLeft, alongRight - cosine * alongLeft].map((reach) => reach / (1 - cosine ** 2));
+  return distances.every((distance) => distance > 0 && distance < FAR_M) ? distances : [DEFAULT_DISTANCE_M, DEFAULT_DISTANCE_M];
+}
+
+// A line for each eye, from its pupil along its forward axis; `pose` sets where it ends.
+function rays(mesh, eyes) {
+  return eyes.map((eye) => {
     const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", new THREE.Float32BufferAttribute([0, 0, RAY_M[0], 0, 0, RAY_M[1]], 3));
+    geometry.setAttribute("position", new THREE.Float32BufferAttribute([0, 0, pupilDistance(mesh, eye), 0, 0, DEFAULT_DISTANCE_M], 3));
     const ray = new THREE.Line(geometry, new THREE.LineBasicMaterial({ color: 0xd1495b }));
     ray.frustumCulled = false;
     ray.visible = false;
     eye.add(ray);
     return ray;
   });
+}
+
+// Distance from the centre of an eye to the foremost of its vertices, with the head at rest.
+function pupilDistance(mesh, eye) {
+  const { position, skinIndex } = mesh.geometry.attributes;
+  const joint = mesh.skeleton.bones.indexOf(eye);
+  const centre = mesh.skeleton.boneInverses[joint].elements[14]; // minus the z of the centre
+  let most = 0;
+  for (let vertex = 0; vertex < position.count; vertex++) {
+    if (skinIndex.getX(vertex) === joint) most = Math.max(most, position.getZ(vertex) + centre);
+  }
+  return most;
 }
