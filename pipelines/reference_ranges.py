@@ -35,7 +35,6 @@ from talkingeyes.evaluation.reference_ranges import (
     page,
     plots,
     probes,
-    pupils,
     recorded_people,
 )
 from talkingeyes.evaluation.reference_ranges.clip_data import (
@@ -53,7 +52,7 @@ from talkingeyes.synthesis import plan
 from talkingeyes.synthesis.speakers import sample_style
 
 RECORDED = Path(__file__).resolve().parents[2] / "shared/data/real/gaze"
-MAX_NATIVE_CLIPS, MAX_RAW_CLIPS = 300, 100
+MAX_NATIVE_CLIPS = 300
 CANDIDATES = 40  # candidate clips for the timeline
 CONVERSATION = "conversation_fixations.csv.gz"
 SOUND_AND_MOTION = (
@@ -152,7 +151,6 @@ def measure_corpus(corpus_inputs: CorpusInputs, jobs: int) -> CorpusMeasurements
         | measure_blink_rate_draws(corpus_inputs)
         | measurements.measure_eye_aspect_ratio()
         | measure_fit(corpus_inputs)
-        | measure_pupils(corpus_inputs, firsts)
     )
     if corpus_inputs.settings is not None:
         fast = join_pools(
@@ -204,18 +202,6 @@ def measure_fit(corpus_inputs: CorpusInputs) -> Measurements:
             ("fit_error", "fit_peak", "fit_speed"), no_measurement("not fitted: the stage fit has not run")
         )
     return measurements.measure_fit(json.loads(path.read_text()))
-
-
-def measure_pupils(corpus_inputs: CorpusInputs, clips: Sequence[Clip]) -> Measurements:
-    """The simulated fitter and the projection; both need the truth."""
-    if not corpus_inputs.corpus.has_truth:
-        return dict.fromkeys(("gaze360_error", "gaze360_speed", "projected"), no_measurement("no true motion"))
-    rng, rows = np.random.default_rng(0), []
-    for clip in clips[:MAX_RAW_CLIPS]:
-        truth, events = corpus_inputs.corpus.truth(clip), corpus_inputs.corpus.truth_events(clip)
-        rows.append(pupils.simulate_gaze360(truth, events, corpus_inputs.corpus.observation(clip), rng))
-    camera = corpus_inputs.corpus.observation(clips[0]).camera
-    return measurements.measure_pupils({"raw.sums": np.concatenate(rows)}, pupils.projected_px(camera))
 
 
 def select_sounds(clips: Sequence[Clip]) -> list[list[Clip]]:

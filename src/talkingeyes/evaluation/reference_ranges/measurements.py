@@ -233,14 +233,3 @@ def measure_eye_aspect_ratio() -> Measurements:
         "ear_open": measurement(face.eye_aspect_ratio(0.0), 1, "head"),
         "ear_shut": measurement(face.eye_aspect_ratio(1.0), 1, "head"),
     }
-
-
-def measure_pupils(pool: PooledArrays, projected_px: float) -> Measurements:
-    """Error and speed of the simulated Gaze360, and projection error of the pupils."""
-    distance, distances, speed, true = pool["raw.sums"].sum(axis=0)
-    count = len(pool["raw.sums"])
-    return {
-        "gaze360_error": measurement(distance / max(distances, 1), count, "clips"),
-        "gaze360_speed": measurement(speed / max(true, 1e-9), count, "clips"),
-        "projected": measurement(projected_px, 2, "pupils"),
-    }

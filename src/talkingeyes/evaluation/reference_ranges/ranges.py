@@ -244,9 +244,6 @@ RANGES_BY_SECTION: dict[str, tuple[ReferenceRange, ...]] = {
         ReferenceRange("fit_error", "LightGazeFit: error", "0.73", 0, 0.95, "paper", "px"),
         ReferenceRange("fit_peak", "LightGazeFit: saccade peak speed / truth", "1", 0.8, INF, "D"),
         ReferenceRange("fit_speed", "LightGazeFit: speed / truth", "1.14", 1.0, 1.25, "paper"),
-        ReferenceRange("gaze360_error", "Gaze360-like: error", "1.40", 1.1, 1.8, "paper", "px"),
-        ReferenceRange("gaze360_speed", "Gaze360-like: speed / truth", "1.29", 1.2, 1.5, "paper"),
-        ReferenceRange("projected", "pupil projection error, straight ahead, no noise", "exact", 0, 1e-4, "M", "px"),
     ),
 }
 REFERENCE_RANGES: tuple[ReferenceRange, ...] = tuple(each for ranges in RANGES_BY_SECTION.values() for each in ranges)
