@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 import talkingeyes as te
 from talkingeyes.animation import line_of_sight
 from talkingeyes.animation.line_of_sight import BETWEEN_EYES_M, EYES_M, from_forward_axes, to_forward_axes
+from talkingeyes.apps.study.films import FilmContent, write_film
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
@@ -29,6 +30,7 @@ from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology.vergence import HALF_INTERPUPILLARY_M
+from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.workflows import convert
 from talkingeyes.workflows.render import parse_camera, render
@@ -300,6 +302,21 @@ def test_seen_by_the_partner_pupils_face_the_partner(eyes: str, aside_mm: float)
     middles = view.project(head.landmarks.of(vertices))[at].mean(axis=1)
     left, right = offsets_mm(pupils, middles)
     assert left == pytest.approx(right, abs=0.05)
+
+
+def test_films_of_studies_look_at_the_viewer(tmp_path: Path) -> None:
+    """The first frame of a film is the picture of lines of sight, not that of optical axes, but for compression."""
+    view = parse_camera("eyes").view(480, 216)
+    write_film(FilmContent(looking_at_the_camera(3), np.zeros(1920)), anny_head(), view, tmp_path / "a.mp4")
+    with av.open(str(tmp_path / "a.mp4")) as film:
+        found = next(iter(film.decode(video=0))).to_ndarray(format="rgb24").astype(float)
+    error = {
+        eyes: np.abs(
+            next(HeadRenderer(anny_head(), view).draw(to_forward_axes(looking_at_the_camera(1), eyes))) - found
+        )
+        for eyes in ("visual", "optical")
+    }
+    assert error["visual"].mean() < 0.7 * error["optical"].mean()
 
 
 @pytest.mark.slow

@@ -255,8 +255,8 @@ RAYS = """(async () => {
     for (let frame = 0; frame < frames; frame++) {
         stage.pose(0, rows.subarray(frame * columns, (frame + 1) * columns));
         stage.heads[0].scene.updateMatrixWorld(true);
-        found.push(stage.heads[0].rays.map(({ geometry, matrixWorld }) => [0, 1].map((end) =>
-            point.fromBufferAttribute(geometry.attributes.position, end).applyMatrix4(matrixWorld).toArray())));
+        found.push(stage.heads[0].rays.map(({ matrixWorld }) => [0, 1].map((end) =>
+            point.set(0, 0, end).applyMatrix4(matrixWorld).toArray())));
     }
     return found;
 })()"""
@@ -277,6 +277,9 @@ def test_gaze_rays_go_from_the_pupils_to_what_is_looked_at(place: Path, tmp_path
         browser.open(address)
         browser.wait_for("document.body.dataset.state == 'paused'")
         rays = np.array(browser.value(RAYS))  # frame, eye, end, axis
+        without = browser.value("document.getElementById('heads').toDataURL()")
+        browser.value("document.getElementById('rays').click()")
+        browser.wait_for(f"document.getElementById('heads').toDataURL() != {json.dumps(without)}")
     np.testing.assert_allclose(rays[:, :, 0], vertices[:, model.pupils], atol=1e-5)
     met = points[:, None] + line_of_sight.BETWEEN_EYES_M
     assert np.linalg.norm(rays[:3, :, 1] - met, axis=-1).max() < 0.01
@@ -293,7 +296,7 @@ def test_a_written_page_plays_without_a_server(place: Path, tmp_path: Path) -> N
         browser.wait_for("document.body.dataset.state == 'paused'")
         assert json.loads(browser.value(STATE))["frames"] == "20,20"
         assert len(set(browser.value("document.getElementById('heads').toDataURL()"))) > 40
-        assert browser.value("document.getElementById('sound').duration") == pytest.approx(2.0, abs=0.1)
+        assert browser.wait_for("document.getElementById('sound').duration") == pytest.approx(2.0, abs=0.1)
         browser.screenshot(tmp_path / "page.png")
     with pytest.raises(InputError, match=r"page\.html"):  # an existing page is kept
         write_page(["a.npz"], page)

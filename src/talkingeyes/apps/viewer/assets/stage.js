@@ -13,6 +13,7 @@ const JOINTS = ["neck", "jaw", "left_eye", "right_eye"]; // in the order of the 
 const FORWARD = new THREE.Vector3(0, 0, 1); // of an eye: its line of sight, on which its pupil lies
 const WEIGHTS = 3 + 4 * JOINTS.length; // index of the first weight in a row
 const FAR_M = 6; // lines of sight that meet farther away count as parallel
+const RAY_RADIUS_M = 0.0004; // of a gaze ray at the pupil
 const DEFAULT_DISTANCE_M = 1; // length of gaze rays that do not meet (animation/targets.py)
 const AWAY_M = 0.9; // distance of the camera from its target
 
@@ -80,8 +81,14 @@ export class Stage {
     joints.forEach((joint, place) => joint.quaternion.fromArray(row, 3 + 4 * place));
     const weights = mesh.morphTargetInfluences;
     for (let shape = 0; shape < weights.length; shape++) weights[shape] = row[WEIGHTS + shape];
-    const ends = fixationDistances(...joints.slice(2).flatMap((eye) => [eye.position, FORWARD.clone().applyQuaternion(eye.quaternion)]));
-    this.heads[index].rays.forEach((ray, eye) => ray.geometry.attributes.position.setZ(1, ends[eye]).needsUpdate = true);
+    this.#aim(index);
+  }
+
+  // End the gaze rays of a head at what it looks at.
+  #aim(index) {
+    const { joints, rays } = this.heads[index];
+    const axes = joints.slice(2).flatMap((eye) => [eye.position, FORWARD.clone().applyQuaternion(eye.quaternion)]);
+    fixationDistances(...axes).forEach((distance, eye) => (rays[eye].scale.z = distance - rays[eye].position.z));
   }
 
   showRays(shown) {
@@ -129,12 +136,12 @@ export function fixationDistances(left, leftAxis, right, rightAxis) {
   return distances.every((distance) => distance > 0 && distance < FAR_M) ? distances : [DEFAULT_DISTANCE_M, DEFAULT_DISTANCE_M];
 }
 
-// A line for each eye, from its pupil along its forward axis; `pose` sets where it ends.
+// A needle for each eye, from its pupil to a point on its forward axis; `pose` sets its length. (Some drivers draw no lines.)
 function rays(mesh, eyes) {
+  const geometry = new THREE.ConeGeometry(RAY_RADIUS_M, 1, 8).rotateX(Math.PI / 2).translate(0, 0, 0.5); // from 0 to +z
   return eyes.map((eye) => {
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", new THREE.Float32BufferAttribute([0, 0, pupilDistance(mesh, eye), 0, 0, DEFAULT_DISTANCE_M], 3));
-    const ray = new THREE.Line(geometry, new THREE.LineBasicMaterial({ color: 0xd1495b }));
+    const ray = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color: 0xd1495b }));
+    ray.position.z = pupilDistance(mesh, eye);
     ray.frustumCulled = false;
     ray.visible = false;
     eye.add(ray);
