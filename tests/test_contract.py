@@ -126,7 +126,8 @@ class TestModel:
 
     def test_it_learns_one_batch(self, name: str) -> None:
         made, data = network(name).train(), batch()
-        optimiser = torch.optim.Adam([each for each in made.parameters() if each.requires_grad], 3e-3)
+        rate = 1e-4 if name == "talkingeyes_literal" else 3e-3  # as printed: codes change at larger steps
+        optimiser = torch.optim.Adam([each for each in made.parameters() if each.requires_grad], rate)
         totals = []
         for _ in range(12):
             torch.manual_seed(0)

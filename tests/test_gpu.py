@@ -45,7 +45,8 @@ def learn(task: TrainingTask, loop: LoopSettings | None) -> list[dict[str, float
 
 
 def shortened(raw: dict[str, Any]) -> dict[str, Any]:
-    return raw | {"loop": raw["loop"] | SHORT}
+    whole_clips = raw["windows"]["frames"] is None
+    return raw | {"loop": raw["loop"] | SHORT | ({"batch": 1} if whole_clips else {})}
 
 
 class TestPretence:

@@ -306,7 +306,7 @@ def test_animations_of_scenes_are_bounded(tmp_path: Path, monkeypatch: pytest.Mo
     refused(lambda: read_motion(tmp_path / "a.glb"), "animation should have at most")
 
     good = tmp_path / "b.glb"
-    convert.write(toy_motions.motion().cut(0, 12), None, "glb", good)
+    convert.write_motion(toy_motions.motion().cut(0, 12), None, "glb", good)
     content = bytearray(good.read_bytes())
     length = struct.unpack_from("<I", content, 12)[0]
     scene = json.loads(content[20 : 20 + length])

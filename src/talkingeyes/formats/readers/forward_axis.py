@@ -6,11 +6,9 @@ iris, so their files hold optical axes. Files of this project that have texts st
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-import numpy as np
-
+from talkingeyes.core.containers import read_json, read_npz
 from talkingeyes.core.motion import CONVENTIONS
 
 FORWARD_AXIS_KEY = "forward_axis"
@@ -20,11 +18,11 @@ OPTICAL_SCHEMAS = (CONVENTIONS["schema"], "talkingeyes.arkit/1")
 
 def default_forward_axis(path: Path, format: str) -> str:
     """`visual` or `optical`: as the file states, else as its format usually has it."""
-    stated, schema = "", ""
     if path.suffix.lower() == ".npz":
-        with np.load(path, allow_pickle=False) as file:
-            stated, schema = (str(file[key]) if key in file.files else "" for key in (FORWARD_AXIS_KEY, "schema"))
+        content = read_npz(path, (FORWARD_AXIS_KEY, "schema"), f"{format} file")
     elif path.suffix.lower() == ".json":
-        content = json.loads(path.read_text())
-        stated, schema = (str(content.get(key, "")) for key in (FORWARD_AXIS_KEY, "schema"))
+        content = read_json(path, f"{format} file")
+    else:
+        content = {}
+    stated, schema = (str(content.get(key, "")) for key in (FORWARD_AXIS_KEY, "schema"))
     return stated or ("optical" if format in OPTICAL_FORMATS or schema in OPTICAL_SCHEMAS else "visual")
