@@ -79,11 +79,11 @@ def _gaze(turned: Float[ndarray, "T 2 3"], looks: Float[ndarray, "T 2 3"]) -> Fl
     """Gaze from the angles, with the sign and unit of the look coefficients; from these if there are no angles."""
     if not turned.any():
         return looks
-    told = rotation.gaze_to_angles(looks) / arkit.LOOK_RANGE_RAD * [1.0, -1.0]  # yaw to the left, pitch down
+    stated = rotation.gaze_to_angles(looks) / arkit.LOOK_RANGE_RAD * [1.0, -1.0]  # yaw to the left, pitch down
     angles = turned.copy()
     for axis in range(2):
-        if told[..., axis].std() > MIN_LOOK_SD:
-            slope = float(np.polyfit(told[..., axis].ravel(), turned[..., axis].ravel(), 1)[0])
+        if stated[..., axis].std() > MIN_LOOK_SD:
+            slope = float(np.polyfit(stated[..., axis].ravel(), turned[..., axis].ravel(), 1)[0])
             angles[..., axis] *= -1.0 if slope < 0 else 1.0
             if abs(slope) > MAX_RADIAN_SLOPE:
                 angles[..., axis] = np.radians(angles[..., axis])
