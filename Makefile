@@ -67,7 +67,7 @@ params: setup  ## Write params.yaml from conf/
 		{ $(CONF_STATE); } > $(VENV)/.params; }
 
 test: setup  ## Run the tests
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --maxfail 10
 
 check: setup  ## Format, lint, types, import order, then the tests
 	$(BIN)/ruff format --check .
