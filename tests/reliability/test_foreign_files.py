@@ -6,6 +6,7 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
 from typing import Any
 
 import pytest
@@ -13,7 +14,7 @@ import safetensors.numpy
 from safetensors import safe_open
 
 from talkingeyes.animation.animator import Animator
-from talkingeyes.animation.model_file import ALLOW_PLUGINS, METADATA_KEY
+from talkingeyes.animation.model_file import ALLOW_PLUGINS, METADATA_KEY, PACKAGED_MODEL
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip, read_index, write_index
 from talkingeyes.workflows.pack import pack
@@ -88,6 +89,29 @@ def test_a_damaged_or_greedy_configuration_is_one_line(model: Path, text: str, m
     with pytest.raises(InputError, match=message) as caught:
         Animator.load(model)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("key", "number"), [("width", 20_000), ("width", 10**7), ("layers", 10**9)])
+def test_a_configuration_cannot_name_a_larger_network_than_its_file(tmp_path: Path, key: str, number: int) -> None:
+    """Layers are refused before their memory is used: 20,000 wide would be 1.6 GB a layer."""
+
+    def enlarge(node: Any) -> Any:
+        if isinstance(node, dict):
+            return {name: number if name == key and each else enlarge(each) for name, each in node.items()}
+        return [enlarge(each) for each in node] if isinstance(node, list) else node
+
+    with safe_open(PACKAGED_MODEL, "np") as file:
+        header = json.loads(file.metadata()[METADATA_KEY])
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    for name in [name for name in header["files"] if name.endswith("config.json")]:
+        files = header["files"] | {name: json.dumps(enlarge(json.loads(header["files"][name])))}
+        model = tmp_path / f"{name.split('/')[0]}.safetensors"
+        safetensors.numpy.save_file(tensors, model, {METADATA_KEY: json.dumps(header | {"files": files})})
+        before = getrusage(RUSAGE_SELF).ru_maxrss
+        with pytest.raises(InputError) as caught:
+            Animator.load(model)
+        assert "\n" not in str(caught.value)
+        assert getrusage(RUSAGE_SELF).ru_maxrss - before < 300_000  # KiB
 
 
 @pytest.mark.parametrize("name", ["/elsewhere/x", "../x", "a/b", ".hidden", "", "a\nb", "a\\b"])

@@ -24,7 +24,7 @@ from talkingeyes.models.baselines import BaselineSettings, MotionBank
 from talkingeyes.models.face.basis import JAW_DIM, FaceBasis
 from talkingeyes.models.face.style import StyleKey, StyleVocabulary
 from talkingeyes.models.speech_to_face import SpeechToFace
-from talkingeyes.training.checkpoint import Checkpoint, load, save
+from talkingeyes.training.checkpoint import Checkpoint, build_network, load, save
 from talkingeyes.training.face_task import FaceData, FaceTaskSettings
 from talkingeyes.training.face_tokenizer import FaceTokenizer, build_face_tokenizer
 
@@ -133,11 +133,13 @@ def load_face_generator(folder: Path, head: FaceBasis | None = None) -> TrainedF
 def _network(checkpoint: Checkpoint) -> TrainedFaceGenerator:
     config = checkpoint.config
     basis, vocabulary = FaceBasis.of(config["basis"]), StyleVocabulary(tuple(config["speakers"]))
-    tokenizer = build_face_tokenizer(config["tokenizer"]).network if config["tokenizer"] else None
     settings = validate_section("model", FaceTaskSettings, config["model"])
-    network = SpeechToFace(settings, config["channels"], vocabulary, basis.numbers, tokenizer)
-    network.load_state_dict(checkpoint.tensors)
-    return NetworkFaceGenerator(network.eval(), basis, vocabulary)
+
+    def build() -> SpeechToFace:
+        tokenizer = build_face_tokenizer(config["tokenizer"]).network if config["tokenizer"] else None
+        return SpeechToFace(settings, config["channels"], vocabulary, basis.numbers, tokenizer)
+
+    return NetworkFaceGenerator(build_network(build, checkpoint.tensors), basis, vocabulary)
 
 
 def _baseline(checkpoint: Checkpoint) -> TrainedFaceGenerator:

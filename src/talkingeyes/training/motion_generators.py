@@ -24,7 +24,7 @@ from talkingeyes.models.condition.conditioner import NO_CONDITIONING, Conditioni
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.speech_to_motion import SpeechToMotion
 from talkingeyes.training.canonical_gaze import HEAD_PREFIX, CanonicalGaze, load_canonical
-from talkingeyes.training.checkpoint import Checkpoint, load, save
+from talkingeyes.training.checkpoint import Checkpoint, build_network, load, save
 from talkingeyes.training.motion_task import MotionTaskSettings
 from talkingeyes.training.pose_generators import PoseModelGenerator, pose_network
 
@@ -223,13 +223,15 @@ def _part(checkpoint: Checkpoint, part: str) -> Checkpoint:
 
 def _network(checkpoint: Checkpoint) -> SpeechToMotion:
     config = checkpoint.config
-    codebook = None
-    if config["codebook"]:
-        codebook = GazeVQVAE(validate_section("codebook", GazeVQVAESettings, config["codebook"])).freeze()
     settings = validate_section("model", MotionTaskSettings, config["model"])
-    network = SpeechToMotion(settings, config["channels"], codebook, config["speakers"], config["architecture"])
-    network.load_state_dict(checkpoint.tensors)
-    return network.eval()
+
+    def build() -> SpeechToMotion:
+        codebook = None
+        if config["codebook"]:
+            codebook = GazeVQVAE(validate_section("codebook", GazeVQVAESettings, config["codebook"])).freeze()
+        return SpeechToMotion(settings, config["channels"], codebook, config["speakers"], config["architecture"])
+
+    return build_network(build, checkpoint.tensors)
 
 
 def _baseline(checkpoint: Checkpoint) -> BaselineGenerator:

@@ -22,7 +22,7 @@ from talkingeyes.corpus.recordings import Normaliser
 from talkingeyes.corpus.store import shard_path
 from talkingeyes.head.sag import FaceSurface
 from talkingeyes.models.pgface import PGFace, PGFaceNetworkSettings
-from talkingeyes.training.checkpoint import Checkpoint
+from talkingeyes.training.checkpoint import Checkpoint, build_network
 from talkingeyes.training.loop import LoopSettings
 
 BASIS_FRAMES = 800  # approximate number of frames for the shape basis
@@ -198,6 +198,7 @@ def pgface_config(settings: PGFaceTaskSettings, normaliser: Normaliser, surface:
 def pgface_network(checkpoint: Checkpoint) -> PGFace:
     """Load the network of a checkpoint."""
     settings = validate_section("model", PGFaceTaskSettings, checkpoint.config["model"])
-    network = PGFace(settings.network, checkpoint.config["channels"], checkpoint.config["vertices"])
-    network.load_state_dict(checkpoint.tensors)
-    return network.eval()
+    return build_network(
+        lambda: PGFace(settings.network, checkpoint.config["channels"], checkpoint.config["vertices"]),
+        checkpoint.tensors,
+    )

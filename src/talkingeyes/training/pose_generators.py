@@ -15,7 +15,7 @@ from talkingeyes.corpus.recordings import Normaliser
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs
 from talkingeyes.models.speech_to_pose import SpeechToPose
-from talkingeyes.training.checkpoint import Checkpoint
+from talkingeyes.training.checkpoint import Checkpoint, build_network
 from talkingeyes.training.pose_task import PoseTaskSettings
 
 
@@ -60,9 +60,7 @@ def pose_network(checkpoint: Checkpoint) -> SpeechToPose:
     """Load the network of a checkpoint."""
     config = checkpoint.config
     settings = validate_section("model", PoseTaskSettings, config["model"])
-    network = SpeechToPose(settings, config["channels"], config["speakers"])
-    network.load_state_dict(checkpoint.tensors)
-    return network.eval()
+    return build_network(lambda: SpeechToPose(settings, config["channels"], config["speakers"]), checkpoint.tensors)
 
 
 def _pad_or_trim(rows: Float[ndarray, "T C"], frames: int) -> Float[ndarray, "U C"]:
