@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from talkingeyes.evaluation.benchmark.comparison import MetricResult
-from talkingeyes.evaluation.paper_metrics.table3 import TITLES, MethodMetrics, Requirement, metric, order_rows
+from talkingeyes.evaluation.paper_metrics.requirements import Requirement, count_met
+from talkingeyes.evaluation.paper_metrics.table3 import TITLES, MethodMetrics, metric, order_rows
 
 SPLIT = "unseen"
 COLUMNS = (
@@ -14,32 +14,32 @@ COLUMNS = (
     ("Corr. eyes", "gaze", "corr"),
     ("Corr. head", "head", "corr"),
 )
-WORSE = "metrics worse than truth"
+MET = "requirements met"
 MAX_MISSED = 4
 
 
 def report_summary(
     rows: Mapping[str, MethodMetrics],
-    benchmarks: Mapping[str, Sequence[MetricResult]],
-    required: Sequence[Requirement],
+    required: Mapping[str, Sequence[Requirement]],
+    upstream: Sequence[Requirement],
     folder: str,
 ) -> str:
-    """The summary; `folder` is where the report is."""
+    """The summary. `required`: of each model; `upstream`: of the stages before; `folder`: where the report is."""
     gaze = {name: row for name, row in rows.items() if metric(row, SPLIT, "gaze", "speed")}
-    cells = [["", *(title for title, _, _ in COLUMNS), WORSE]]
+    cells = [["", *(title for title, _, _ in COLUMNS), MET]]
     for name in order_rows(gaze):
-        cells.append([TITLES.get(name, name), *_figures(rows[name]), _worse(benchmarks.get(name))])
+        cells.append([TITLES.get(name, name), *_figures(rows[name]), _met(required[name])])
     widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
     table = ["  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])]) for line in cells]
-    missed = [each for each in required if not each.is_met]
+    missed = [each for each in upstream if not each.is_met]
     return "\n".join(
         [
-            "Speakers without training data (unseen); the benchmark is of test and unseen together:",
+            "Speakers without training data (unseen); requirements are of test and unseen:",
             "",
             *table,
             *_faces(rows),
             "",
-            f"{len(required) - len(missed)} of {len(required)} requirements met",
+            f"fitting, codebooks and critics: {count_met(upstream)} of {len(upstream)} requirements met",
             *(f"  missed: {each.name}: {_value(each)}, required {each.bounds}" for each in missed[:MAX_MISSED]),
             *([f"  and {len(missed) - MAX_MISSED} more"] if len(missed) > MAX_MISSED else []),
             f"All figures with intervals: {folder}/table3.md and face.md. Plots: {folder}/*.png. Runs: make ui",
@@ -66,9 +66,8 @@ def _faces(rows: Mapping[str, MethodMetrics]) -> list[str]:
     ]
 
 
-def _worse(results: Sequence[MetricResult] | None) -> str:
-    compared = [each.worse for each in results or () if each.worse is not None]
-    return f"{sum(compared)} of {len(compared)}" if compared else ""
+def _met(required: Sequence[Requirement]) -> str:
+    return f"{count_met(required)} of {len(required)}"
 
 
 def _value(requirement: Requirement) -> str:

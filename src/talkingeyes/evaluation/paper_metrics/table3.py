@@ -1,4 +1,4 @@
-"""Table III as Markdown and CSV, and the project's required values.
+"""Table III as Markdown and CSV.
 
 The rows are those of the paper's Table III plus truth, fitted and mismatched motion, next to the paper's own numbers on
 TKED-Test. Those come from another corpus and another critic: compare the order of rows, not the values.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -137,86 +136,6 @@ def _written(value: Mapping[str, float], digits: int) -> str:
 def markdown_row(cells: Sequence[str]) -> str:
     """A row of a Markdown table."""
     return "| " + " | ".join(cells) + " |"
-
-
-@dataclass(frozen=True)
-class Requirement:
-    """A metric with its required bounds; `value` is None if it was not measured."""
-
-    name: str
-    value: float | None
-    minimum: float = -math.inf
-    maximum: float = math.inf
-
-    @property
-    def is_met(self) -> bool:
-        """Whether the value lies within the bounds."""
-        return self.value is not None and self.minimum <= self.value <= self.maximum
-
-    @property
-    def bounds(self) -> str:
-        """The bounds as text."""
-        if math.isinf(self.maximum):
-            return f"at least {self.minimum:.3g}"
-        return (
-            f"at most {self.maximum:.3g}" if math.isinf(self.minimum) else f"{self.minimum:.3g} to {self.maximum:.3g}"
-        )
-
-    @property
-    def deviation(self) -> float:
-        """Signed distance of the value to the nearest bound; 0 if it is met or not measured."""
-        if self.value is None or self.is_met:
-            return 0.0
-        return self.value - (self.minimum if self.value < self.minimum else self.maximum)
-
-
-def requirements(rows: Mapping[str, MethodMetrics]) -> list[Requirement]:
-    """The required values of the row `talkingeyes` and of the critics, on each split."""
-    return [each for split in SPLIT_TITLES for each in _of_split(rows, split)]
-
-
-def _of_split(rows: Mapping[str, MethodMetrics], split: str) -> list[Requirement]:
-    def value(row: str, part: str, name: str) -> float | None:
-        found = metric(rows.get(row, {}), split, part, name)
-        return found["value"] if found else None
-
-    above = [value(row, "gaze", "diversity") or 0.0 for row in ("mean", "vae")]
-    found = [
-        Requirement(
-            f"{split}: Diversity above Mean and VAE", value("talkingeyes", "gaze", "diversity"), minimum=max(above)
-        ),
-        Requirement(
-            f"{split}: Diversity relative to the truth", value("talkingeyes", "gaze", "diversity_ratio"), 0.5, 1.3
-        ),
-        Requirement(
-            f"{split}: mean eye speed relative to the truth", value("talkingeyes", "gaze", "speed_ratio"), 0.6, 1.5
-        ),
-        Requirement(
-            f"{split}: 99th percentile of eye speed relative to the truth",
-            value("talkingeyes", "gaze", "speed_p99_ratio"),
-            0.6,
-            1.5,
-        ),
-        Requirement(
-            f"{split}: fraction of frames with gaze in space still",
-            value("talkingeyes", "gaze_in_space", "still_fraction"),
-            0.75,
-        ),
-    ]
-    for part, title in (("gaze", "eye-in-head"), ("gaze_in_space", "gaze in space"), ("head", "head")):
-        difference = value("mismatched", part, "corr_minus_fitted")
-        less = None if difference is None else -difference
-        found.append(Requirement(f"{split}: Corr. of {title}, matched minus mismatched", less, minimum=0.0))
-    return found
-
-
-def requirements_table(found: Sequence[Requirement]) -> str:
-    """Markdown table of requirements: name, bounds, value, whether it is met."""
-    lines = [markdown_row(["requirement", "bounds", "value", ""]), markdown_row(["---"] * 4)]
-    for each in found:
-        state = "met" if each.is_met else "not measured" if each.value is None else f"**off by {each.deviation:+.3g}**"
-        lines.append(markdown_row([each.name, each.bounds, "" if each.value is None else f"{each.value:.3g}", state]))
-    return "\n".join(lines)
 
 
 def critic_table(report: Mapping[str, Any]) -> str:

@@ -1,0 +1,168 @@
+"""What a model of head and gaze must reach, for every row of the report.
+
+Margins say that motion is like motion, whatever the sound; ties say that it follows its sound. Random and Mismatched
+have the margins of true motion and no tie, a conditional mean the ties and no margins: only both together say
+something, so a row is as good as what it misses. All bounds are choices of this project.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from talkingeyes.evaluation.benchmark.comparison import MetricResult
+from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, TITLES, MethodMetrics, markdown_row, metric
+
+# Margins as (title, part, metric, lowest, highest); ratios to the truth.
+MARGINS = (
+    ("Diversity of the eyes / truth", "gaze", "diversity_ratio", 0.8, 1.2),
+    ("eye speed / truth", "gaze", "speed_ratio", 0.7, 1.3),
+    ("99th percentile of eye speed / truth", "gaze", "speed_p99_ratio", 0.6, 1.4),
+    ("Diversity of the head / truth", "head", "diversity_ratio", 0.8, 1.2),
+    ("head speed / truth", "head", "speed_ratio", 0.7, 1.3),
+)
+# Fraction of frames with gaze in space still, relative to fitted motion, the training target.
+REST_BOUNDS = (0.95, 1.05)
+# Ties: Corr. less that under other sounds of the speaker, relative to fitted motion.
+TIED_PARTS = {"gaze": "eyes", "gaze_in_space": "gaze in space", "head": "head"}
+MIN_TIE = 0.5
+ONSET_DROP, ONSET_BOUNDS = "speech_onset/drop", (0.8, 1.2)
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A metric with its required bounds; `value` is None if it was not measured, `interval` if it has none."""
+
+    name: str
+    value: float | None
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    interval: tuple[float, float] | None = None
+
+    @property
+    def is_met(self) -> bool:
+        """Whether the value lies within the bounds."""
+        return self.value is not None and self.minimum <= self.value <= self.maximum
+
+    @property
+    def is_missed_by_interval(self) -> bool:
+        """Whether the whole interval lies outside the bounds."""
+        return self.interval is not None and (self.interval[1] < self.minimum or self.interval[0] > self.maximum)
+
+    @property
+    def bounds(self) -> str:
+        """The bounds as text."""
+        if math.isinf(self.maximum):
+            return f"at least {self.minimum:.3g}"
+        return (
+            f"at most {self.maximum:.3g}" if math.isinf(self.minimum) else f"{self.minimum:.3g} to {self.maximum:.3g}"
+        )
+
+    @property
+    def deviation(self) -> float:
+        """Signed distance of the value to the nearest bound; 0 if it is met or not measured."""
+        if self.value is None or self.is_met:
+            return 0.0
+        return self.value - (self.minimum if self.value < self.minimum else self.maximum)
+
+
+def model_requirements(
+    rows: Mapping[str, MethodMetrics], benchmarks: Mapping[str, Sequence[MetricResult]], name: str
+) -> list[Requirement]:
+    """Margins and ties of one row, on each split. The same list, in the same order, for every row."""
+    found = [each for split in SPLIT_TITLES for each in _of_split(rows, split, name)]
+    drop, of_truth = (_benchmark_estimate(benchmarks.get(row, ()), ONSET_DROP) for row in (name, "truth"))
+    title = "drop of averted gaze after speech onsets / truth"
+    found.append(_relative(title, drop, of_truth["value"] if of_truth else None, *ONSET_BOUNDS))
+    return found
+
+
+def critic_requirements(rows: Mapping[str, MethodMetrics]) -> list[Requirement]:
+    """That the critics behind Corr. tell motion from motion under another sound, on each split."""
+    found = []
+    for split in SPLIT_TITLES:
+        for part, title in TIED_PARTS.items():
+            difference = metric(rows.get("mismatched", {}), split, part, "corr_minus_fitted")
+            found.append(_relative(f"{split}: Corr. of {title}, matched minus mismatched", difference, -1.0, 0.0))
+    return found
+
+
+def _of_split(rows: Mapping[str, MethodMetrics], split: str, name: str) -> list[Requirement]:
+    row, fitted = rows.get(name, {}), rows.get("fitted", {})
+    found = [
+        _relative(f"{split}: {title}", metric(row, split, part, key), 1.0, low, high)
+        for title, part, key, low, high in MARGINS
+    ]
+    rest, of_fitted = (metric(each, split, "gaze_in_space", "still_fraction") for each in (row, fitted))
+    title = f"{split}: gaze at rest / fitted motion"
+    found.append(_relative(title, rest, of_fitted["value"] if of_fitted else None, *REST_BOUNDS))
+    for part, tied in TIED_PARTS.items():
+        tie, whole = (metric(each, split, part, "corr_minus_shuffled") for each in (row, fitted))
+        title = f"{split}: tie of {tied} to its sound / fitted motion"
+        found.append(_relative(title, tie, whole["value"] if whole else None, MIN_TIE))
+    return found
+
+
+def _relative(
+    name: str, found: Mapping[str, float] | None, unit: float | None, minimum: float, maximum: float = math.inf
+) -> Requirement:
+    """A requirement of an estimate in multiples of `unit`."""
+    if found is None or not unit:
+        return Requirement(name, None, minimum, maximum)
+    low, high = sorted((found["low"] / unit, found["high"] / unit))
+    return Requirement(name, found["value"] / unit, minimum, maximum, (low, high))
+
+
+def to_json(found: Mapping[str, Sequence[Requirement]]) -> dict[str, list[dict[str, object]]]:
+    """Every requirement of every row, with its interval: {row: [{requirement, bounds, value, interval, ...}]}."""
+    return {
+        name: [
+            {
+                "requirement": each.name,
+                "bounds": each.bounds,
+                "value": each.value,
+                "interval": each.interval,
+                "met": each.is_met,
+                "missed_by_interval": each.is_missed_by_interval,
+            }
+            for each in column
+        ]
+        for name, column in found.items()
+    }
+
+
+def requirements_table(found: Sequence[Requirement]) -> str:
+    """Markdown table of requirements: name, bounds, value, whether it is met."""
+    lines = [markdown_row(["requirement", "bounds", "value", ""]), markdown_row(["---"] * 4)]
+    for each in found:
+        state = "met" if each.is_met else "not measured" if each.value is None else f"**off by {each.deviation:+.3g}**"
+        lines.append(markdown_row([each.name, each.bounds, "" if each.value is None else f"{each.value:.3g}", state]))
+    return "\n".join(lines)
+
+
+def model_requirements_table(found: Mapping[str, Sequence[Requirement]]) -> str:
+    """Markdown table of the requirements of all rows; bold: missed. The last line counts those met."""
+    columns = list(found.values())
+    headings = ["requirement", "bounds", *(TITLES.get(name, name) for name in found)]
+    lines = [markdown_row(headings), markdown_row(["---"] * len(headings))]
+    for line in zip(*columns, strict=True):
+        lines.append(markdown_row([line[0].name, line[0].bounds, *map(_cell, line)]))
+    lines.append(markdown_row(["**met**", f"{len(columns[0])}", *(str(count_met(column)) for column in columns)]))
+    return "\n".join(lines)
+
+
+def count_met(found: Sequence[Requirement]) -> int:
+    """Number of requirements met."""
+    return sum(each.is_met for each in found)
+
+
+def _cell(requirement: Requirement) -> str:
+    if requirement.value is None:
+        return ""
+    return f"{requirement.value:.2f}" if requirement.is_met else f"**{requirement.value:.2f}**"
+
+
+def _benchmark_estimate(results: Sequence[MetricResult], name: str) -> Mapping[str, float] | None:
+    found = next((each.value for each in results if each.metric.name == name), None)
+    return None if found is None else {"value": found.value, "low": found.low, "high": found.high}
