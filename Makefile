@@ -40,8 +40,9 @@ $(VENV)/.stamp: requirements.lock pyproject.toml
 
 # A model learns on one core, and DVC runs one stage after the other: these two rows of stages run side by side (-s: what
 # is before them is there). `dvc repro` alone gives the same; here it makes what is left, and says what failed.
-ONE_CORE = pretrain@gaze_frames train@talkingeyes_paper sample@talkingeyes_paper train@vae sample@vae critic
-OTHER_CORE = pretrain@face train@probtalk3d sample@probtalk3d train@talkingeyes sample@talkingeyes \
+ONE_CORE = pretrain@gaze_frames train@talkingeyes_paper sample@talkingeyes_paper train@vae sample@vae critic \
+	pretrain@gaze_patches train@talkingeyes sample@talkingeyes
+OTHER_CORE = pretrain@face train@probtalk3d sample@probtalk3d train@talkingeyes_events sample@talkingeyes_events \
 	train@talkingeyes_live sample@talkingeyes_live
 
 demo:  ## Animate the packaged recording with the packaged model; opens build/demo/index.html, three samples side by side
@@ -92,7 +93,7 @@ wheel: setup  ## Build dist/talkingeyes-*.whl, with the packaged models and the 
 	@ls -l dist/talkingeyes-*.whl
 
 packaged-models: setup  ## Put the trained default models into the package; for a release, after make repro
-	$(BIN)/talkingeyes pack data/train/talkingeyes -o src/talkingeyes/animation/assets/talkingeyes.safetensors --half-precision --force
+	$(BIN)/talkingeyes pack data/train/talkingeyes_events -o src/talkingeyes/animation/assets/talkingeyes.safetensors --half-precision --force
 	$(BIN)/talkingeyes pack data/train/talkingeyes_live -o src/talkingeyes/animation/assets/talkingeyes_live.safetensors --no-face --half-precision --force
 
 face: setup  ## ProbTalk3D's Table 1: every model of the face, three seeds (docs/face_table.md); goes on where it was killed

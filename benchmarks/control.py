@@ -6,7 +6,7 @@ of head and gaze around the seams of the encoder's windows relative to the speed
 around equally spaced times between the seams.
 
 Run     python -m benchmarks.control [FOLDER OF A MODEL [SOUND SOUND ...]]   (make bench, after make repro; a minute)
-Reads   data/train/talkingeyes, or the given folder; with sounds, only the dialogue is measured
+Reads   data/train/talkingeyes_events, or the given folder; with sounds, only the dialogue is measured
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from talkingeyes.orchestration.run import configure_environment, run_command
 from talkingeyes.physiology import saccades
 from talkingeyes.physiology.blinks import PARTNER_END_S
 
-MODEL = Path("data", "train", "talkingeyes")
+MODEL = Path("data", "train", "talkingeyes_events")
 SAMPLES = 4
 PLAIN = Controls()
 TARGETS_M = {

@@ -4,10 +4,10 @@ The packaged recording is repeated to 10 s, 1 min, 10 min and an hour and embedd
 length is generated in a separate process: first gaze and head alone, then a complete animation with blinks, events and,
 if there is a face model, the face. Ten samples at once are compared with one, alternating in one process. For
 comparison, a decoder recomputes its prefix for every code of 4 frames, as in eq. 10 of the paper: the network of
-conf/model/talkingeyes_categorical.yaml, untrained, because weights do not affect its time.
+conf/model/talkingeyes.yaml, untrained, because weights do not affect its time.
 
 Run     python -m benchmarks.generation [data/train/MODEL]     (make bench, after make repro)
-Reads   data/train/talkingeyes, or the given model; conf/
+Reads   data/train/talkingeyes_events, or the given model; conf/
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 Result = TypeVar("Result")
 
-MODEL = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("data", "train", "talkingeyes")
+MODEL = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("data", "train", "talkingeyes_events")
 DURATIONS_S = (10, 60, 600, 3600)
 RECOMPUTED_S = (10, 60)
 REPEATS = 25  # of the shortest length, with different seeds: the median, because single runs vary
@@ -114,7 +114,7 @@ def cost_without_cache(embedding: np.ndarray) -> UncachedCost:
 
     animator, params = Animator.load(MODEL), compose([EXPERIMENT])
     codebook = GazeVQVAE(GazeVQVAESettings.model_validate(params["pretrain"]["gaze_patches"]["network"])).freeze()
-    settings = MotionTaskSettings.model_validate(params["model"]["talkingeyes_categorical"])
+    settings = MotionTaskSettings.model_validate(params["model"]["talkingeyes"])
     network = SpeechToMotion(settings, animator.encoder.channels, codebook).eval()
     gaze = network.gaze
     assert isinstance(gaze, CategoricalGaze)

@@ -4,7 +4,7 @@ The packaged recording is repeated to an hour and written to a file; it is read,
 `talkingeyes animate --no-previews` does. Peaks include everything: Python, torch, the model, inputs and outputs.
 
 Run     python -m benchmarks.long_speech [MODEL FOLDER [FRAMES PER SECOND]]     (make bench, after make repro, 4 min)
-Reads   data/train/talkingeyes, or the given folder
+Reads   data/train/talkingeyes_events, or the given folder
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.orchestration.run import configure_environment, run_command
 
-MODEL = Path("data", "train", "talkingeyes")
+MODEL = Path("data", "train", "talkingeyes_events")
 SECONDS = 3600
 
 

@@ -49,7 +49,7 @@ def main() -> None:
     print("| operation | count | CPU s each | wall-clock s each |\n|---|---|---|---|")
     timed("the first composition, with its imports", lambda: _compose(1), 1)
     timed("a composition", lambda: _compose(5), 5)
-    params = compose(["target=validate@talkingeyes"])
+    params = compose(["target=validate@talkingeyes_events"])
     stages = required_calls(stage_calls(params, stage_order(params)), params["target"])
     with tempfile.TemporaryDirectory() as folder:
         store = Path(folder, "store")
@@ -64,7 +64,7 @@ def main() -> None:
 
 def _compose(times: int) -> None:
     for _ in range(times):
-        compose(["target=validate@talkingeyes"])
+        compose(["target=validate@talkingeyes_events"])
 
 
 def _again(store: Path, params: dict[str, Any], stages: list[StageCall]) -> None:
@@ -81,7 +81,15 @@ def _rows(root: Path, params: dict[str, Any], count: int, start: int = 0) -> Non
     for seed in range(start, start + count):
         trial = {**params, "train": {**params["train"], "seed": seed}}
         figures = {f"val/figure_{number}": seed + number / 10 for number in range(9)}
-        log_run(root, "experiment", "trial", trial, {"train"}, 1.0, Report(rows=[MethodResult("talkingeyes", figures)]))
+        log_run(
+            root,
+            "experiment",
+            "trial",
+            trial,
+            {"train"},
+            1.0,
+            Report(rows=[MethodResult("talkingeyes_events", figures)]),
+        )
 
 
 def _ask(root: Path, expected: int) -> None:

@@ -88,7 +88,7 @@ def _trained(workspace: Path, conf: Sequence[str], seed: int, with_gaze: bool) -
             taken[name] = time.process_time() - before
             cost.write_text(json.dumps(taken, indent=1))
     if with_gaze:
-        compared = _params(workspace, conf, seed, (*HEADS, "talkingeyes", *GAZE))
+        compared = _params(workspace, conf, seed, (*HEADS, "talkingeyes_events", *GAZE))
         run_pipeline({**compared, "target": "evaluate"}, view)
     return view
 
@@ -125,7 +125,7 @@ def _measured(workspace: Path, view: Path, new_speakers: Path, seed: int) -> dic
 
 def _benchmark(workspace: Path, seeds: Sequence[int]) -> dict[str, list[dict[str, Any]]]:
     """The gaze benchmark of every row, one per seed."""
-    rows = ("truth", "fitted", "talkingeyes", *GAZE)
+    rows = ("truth", "fitted", "talkingeyes_events", *GAZE)
     folders = [workspace / f"seed-{seed}" / "data" / "evaluate" for seed in seeds]
     return {row: [json.loads((each / row / "benchmark.json").read_text()) for each in folders] for row in rows}
 

@@ -82,7 +82,7 @@ def main() -> None:
     workspace = Workspace.open(Path.cwd())
     if len(sys.argv) > 2:
         raise InputError(f"reference_ranges_model: should get one model or none, got {' '.join(sys.argv[1:])}")
-    name = sys.argv[1] if sys.argv[1:] else "talkingeyes"
+    name = sys.argv[1] if sys.argv[1:] else "talkingeyes_events"
     corpus_inputs, model = source_of(workspace, workspace.corpus), workspace.data("train", name)
     if not corpus_inputs.corpus.has_truth:
         raise InputError(f"{workspace.corpus}: should be a corpus with true motion, got one without")
@@ -109,7 +109,7 @@ def main() -> None:
     text = markdown(columns, len(clips), f" {name}" if sys.argv[1:] else "")
     out = (
         Path("docs/reference_ranges_model.md")
-        if name == "talkingeyes"
+        if name == "talkingeyes_events"
         else Path("build/reference_ranges", f"{name}.md")
     )
     (workspace.root / out).parent.mkdir(parents=True, exist_ok=True)

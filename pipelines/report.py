@@ -60,7 +60,7 @@ from talkingeyes.evaluation.plots import (
 from talkingeyes.orchestration.run import MethodResult, Report, Workspace, main
 
 # Methods whose traces are plotted beside the truth, and their number of samples.
-TRACE_METHODS, SAMPLES_DRAWN = ("talkingeyes", "talkingeyes_paper", "vae"), 4
+TRACE_METHODS, SAMPLES_DRAWN = ("talkingeyes_events", "talkingeyes", "talkingeyes_paper", "vae"), 4
 # Requirements on the stages before the models: pupil error and speed after fitting, fraction of used codes.
 MAX_ERROR_PX, MIN_SPEED_RATIO, MAX_SPEED_RATIO, MIN_CODE_USAGE = 0.95, 1.0, 1.25, 0.9
 

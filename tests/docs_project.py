@@ -22,7 +22,10 @@ PROGRAM = '#!/bin/sh\nexec {python} -SE {root}/tests/docs_program.py {bin} {name
 # Placeholders that cannot be file names, and their replacements.
 SUBSTITUTIONS = [
     (r"(?<=\s|=)/shared/", "shared/"),
-    (r"data/sample/talkingeyes/0/CLIP\.npz", "$(find data/sample/talkingeyes -name '*.npz' | sort | head -n 1)"),
+    (
+        r"data/sample/talkingeyes_events/0/CLIP\.npz",
+        "$(find data/sample/talkingeyes_events -name '*.npz' | sort | head -n 1)",
+    ),
 ]
 DATA = """
 make params
@@ -35,14 +38,14 @@ PLACEHOLDER_COMMANDS = """
 SOUND=$(find data/synthesize/speech -name '*.flac' | sort | head -n 1)
 python tests/placeholder_files.py "$SOUND"
 cp SPEECH.wav speech.wav
-talkingeyes animate SPEECH.wav -o take --samples 2 --no-previews --model data/train/talkingeyes
+talkingeyes animate SPEECH.wav -o take --samples 2 --no-previews --model data/train/talkingeyes_events
 cp take/sample_00.npz MOTION.npz; cp take/sample_01.npz OTHER.npz; cp take/sample_01.npz other.npz
 mkdir MOTION_DIR && cp MOTION.npz "MOTION_DIR/$(basename "$SOUND" .flac)-t0.npz"
 talkingeyes export OTHER.npz -f vhap --model FLAME_FILE -o TRACKED.npz
 talkingeyes export OTHER.npz -f livelink -o OTHER.csv
 mkdir -p build/experiment shared
 cp mlflow.db build/experiment/ && cp -r VIDEOS shared/videos
-mkdir ONE_CLIP && cp "$(find data/sample/talkingeyes -name '*.npz' | sort | head -n 1)" ONE_CLIP
+mkdir ONE_CLIP && cp "$(find data/sample/talkingeyes_events -name '*.npz' | sort | head -n 1)" ONE_CLIP
 """
 
 

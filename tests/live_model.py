@@ -1,6 +1,6 @@
 """An untrained streaming model in the format of the stage `train`: conf/model/talkingeyes_live.yaml with all its parts.
 
-`CODES` samples codes of frames instead, as conf/model/talkingeyes_categorical.yaml does, but without lookahead.
+`CODES` samples codes of frames instead, as conf/model/talkingeyes.yaml does, but without lookahead.
 """
 
 from __future__ import annotations
@@ -29,8 +29,7 @@ def content(*place: str) -> Any:
 
 CODES = {
     "tokenizer": "gaze_patches",
-    "gaze": content("model", "talkingeyes_categorical.yaml")["gaze"]
-    | {"condition_lookback": 12, "condition_lookahead": 0},
+    "gaze": content("model", "talkingeyes.yaml")["gaze"] | {"condition_lookback": 12, "condition_lookahead": 0},
 }
 
 

@@ -29,7 +29,7 @@ ORDER = AnimationOptions(samples=1, seed=4, previews=False)
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A current folder with three sounds and a model."""
     monkeypatch.chdir(tmp_path)
-    toy_model(tmp_path / "data" / "train" / "talkingeyes")
+    toy_model(tmp_path / "data" / "train" / "talkingeyes_events")
     (tmp_path / "lines").mkdir()
     for index, name in enumerate(("b", "a", "c")):
         sound_file(tmp_path / "lines" / f"{name}.wav", 1.0 + index / 4, seed=index)

@@ -50,8 +50,8 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     noise = np.random.default_rng(0).normal(0, 0.1, (48_000, 2))
     soundfile.write(tmp_path / "my speech.wav", noise, 48_000)
     (tmp_path / "my speech.wav").rename(tmp_path / "my speech.txt")
-    (tmp_path / "data" / "train" / "talkingeyes").mkdir(parents=True)
-    (tmp_path / "data" / "train" / "talkingeyes" / "config.json").touch()
+    (tmp_path / "data" / "train" / "talkingeyes_events").mkdir(parents=True)
+    (tmp_path / "data" / "train" / "talkingeyes_events" / "config.json").touch()
     return tmp_path
 
 

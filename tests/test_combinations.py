@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-import yaml
-from test_contract import CHANNELS, batch, codebook, content
+from model_conf import MODEL_NAMES, model_section
+from test_contract import CHANNELS, batch, codebook
 from test_posegan import HEADS, normaliser, task
 
 from talkingeyes.models.gaze.generator import GAZE_GENERATORS
 from talkingeyes.models.head.generator import HEAD_GENERATORS
 from talkingeyes.models.head.pose_generator import POSE_GENERATORS
 from talkingeyes.models.speech_to_motion import SpeechToMotion
-from talkingeyes.orchestration.config import CONFIG_DIR
 from talkingeyes.training.checkpoint import load, save
 from talkingeyes.training.motion_generators import (
     HeadThenGazeSettings,
@@ -34,8 +33,8 @@ SPEECH = {"channels": None, "width": 16, "layers": 1, "dropout": 0.0, "channel_d
 def sections(part: str) -> dict[str, dict[str, Any]]:
     """The first model of conf/ with each kind of the part, by kind."""
     found: dict[str, dict[str, Any]] = {}
-    for path in sorted((CONFIG_DIR / "model").glob("*.yaml")):
-        node = content(path)
+    for name in MODEL_NAMES:
+        node = model_section(name)
         if node["kind"] == "speech_to_motion":
             found.setdefault(node[part]["kind"], node)
     return found
@@ -64,9 +63,7 @@ def joint(head: str, gaze: str) -> SpeechToMotion:
 def test_every_kind_is_in_conf() -> None:
     assert set(WITH_HEAD) >= set(HEAD_GENERATORS.kinds)
     assert set(WITH_GAZE) >= set(GAZE_GENERATORS.kinds)
-    assert {content(CONFIG_DIR / "model" / f"{name}.yaml")["head"]["kind"] for name in HEADS} == set(
-        POSE_GENERATORS.kinds
-    )
+    assert {model_section(name)["head"]["kind"] for name in HEADS} == set(POSE_GENERATORS.kinds)
 
 
 @pytest.mark.parametrize("gaze", WITH_GAZE)
@@ -111,9 +108,7 @@ def test_one_after_the_other(head: str, gazes: dict[str, Path], tmp_path: Path) 
     speech = np.random.default_rng(0).standard_normal((60, CHANNELS)).astype(np.float32)
     alone = load_generator(tmp_path / "head").generate(speech, [1, 2], 25.0)
     for gaze, folder in gazes.items():
-        node = yaml.safe_load((CONFIG_DIR / "model" / "head_then_gaze.yaml").read_text()) | {
-            "source_models": [head, gaze]
-        }
+        node = model_section("head_then_gaze") | {"source_models": [head, gaze]}
         (tmp_path / "both").mkdir(exist_ok=True)
         save_head_then_gaze(
             tmp_path / "both", HeadThenGazeSettings.model_validate(node), load(tmp_path / "head"), load(folder)

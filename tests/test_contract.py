@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from model_conf import MODEL_NAMES, model_section
 from pydantic import ValidationError
 from toy import recordings
 
@@ -35,12 +36,9 @@ def content(path: Path) -> Any:
     return yaml.safe_load(path.read_text())
 
 
-MODELS = [
-    path.stem for path in sorted((CONFIG_DIR / "model").glob("*.yaml")) if content(path)["kind"] == "speech_to_motion"
-]
-FACES = [
-    path.stem for path in sorted((CONFIG_DIR / "model").glob("*.yaml")) if content(path)["kind"] == "speech_to_face"
-]
+KINDS = {name: model_section(name)["kind"] for name in MODEL_NAMES}
+MODELS = [name for name, kind in KINDS.items() if kind == "speech_to_motion"]
+FACES = [name for name, kind in KINDS.items() if kind == "speech_to_face"]
 FAMILIES = [path.stem for path in sorted((CONFIG_DIR / "embed" / "encoder").glob("*.yaml"))]
 
 
@@ -61,7 +59,7 @@ def codebook(tokenizer: str | None) -> GazeVQVAE | None:
 
 def network(name: str) -> SpeechToMotion:
     """An untrained model of conf/model/."""
-    settings = MotionTaskSettings.model_validate(content(CONFIG_DIR / "model" / f"{name}.yaml"))
+    settings = MotionTaskSettings.model_validate(model_section(name))
     torch.manual_seed(0)
     names = [*(settings.speech.channels or ()), *(str(index) for index in range(CHANNELS))]
     made = SpeechToMotion(settings, names[:CHANNELS], codebook(settings.tokenizer), ("a", "b"))
@@ -78,7 +76,7 @@ def batch() -> MotionBatch:
 
 
 def test_weight_of_unknown_term_is_an_error_with_known_terms() -> None:
-    raw = content(CONFIG_DIR / "model" / "talkingeyes.yaml")
+    raw = model_section("talkingeyes_events")
     raw["weights"]["gaze_velocity"] = 1.0
     made = SpeechToMotion(
         MotionTaskSettings.model_validate(raw), [str(index) for index in range(CHANNELS)], None, ("a", "b")
@@ -88,7 +86,7 @@ def test_weight_of_unknown_term_is_an_error_with_known_terms() -> None:
 
 
 def test_decoded_codes_need_their_loss_weight() -> None:
-    raw = content(CONFIG_DIR / "model" / "talkingeyes.yaml")
+    raw = model_section("talkingeyes_events")
     raw["gaze"]["process"]["mixture_centres"] = "vq_vae"
     with pytest.raises(ValidationError, match=r"weights\.gaze_mixture_centres should be above 0 .*, got none"):
         MotionTaskSettings.model_validate(raw)
@@ -143,7 +141,7 @@ class TestModel:
 
 def face_network(name: str) -> SpeechToFace:
     """A face model of conf/model/ with its motion autoencoder, both untrained."""
-    settings = FaceTaskSettings.model_validate(content(CONFIG_DIR / "model" / f"{name}.yaml"))
+    settings = FaceTaskSettings.model_validate(model_section(name))
     torch.manual_seed(0)
     tokenizer = None
     if settings.tokenizer:

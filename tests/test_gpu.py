@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from fake_gpu import fake_gpu
+from model_conf import model_section
 from test_contract import CHANNELS, MODELS, codebook, content
 from test_critic import contrast, toy
 from test_face_models import BASIS, GENERATORS, data, faces, model_settings, prior_settings, tokenizer_for, tokenizers
@@ -90,7 +91,7 @@ class TestPretence:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_models_of_head_and_gaze(name: str, tmp_path: Path) -> None:
-    raw = content(CONFIG_DIR / "model" / f"{name}.yaml")
+    raw = model_section(name)
     less = {"init_from": None, "validation_clips": 1, "temperatures": raw["temperatures"][:1]}
     settings = MotionTaskSettings.model_validate(shortened(raw) | less)
     names = tuple([*(settings.speech.channels or ()), *(str(index) for index in range(CHANNELS))][:CHANNELS])

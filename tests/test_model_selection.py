@@ -130,10 +130,10 @@ def test_every_kind_is_combined_with_every_other_and_learns_as_long():
             made = MotionTaskSettings.model_validate(params["model"][f"{head}_{gaze}"])
             assert (made.head.kind, made.gaze.kind) == (head, gaze)
             assert (made.loop.steps, made.loop.validate_every, made.loop.batch) == (7, 7, 8)
-            assert made.speech.model_dump() == params["model"]["talkingeyes"]["speech"] | {
+            assert made.speech.model_dump() == params["model"]["talkingeyes_events"]["speech"] | {
                 key: value
                 for key, value in made.speech.model_dump().items()
-                if key not in params["model"]["talkingeyes"]["speech"]
+                if key not in params["model"]["talkingeyes_events"]["speech"]
             }
             assert (made.tokenizer in params["pretrain"]) == (gaze in ("categorical", "regression"))
             for part, kind in (("head_", head), ("gaze_", gaze)):

@@ -125,8 +125,8 @@ def test_the_default_is_the_model_of_the_workspace_then_the_packaged_one(
     monkeypatch.chdir(tmp_path)
     assert find_model("some/model") == Path("some/model")
     assert find_model(None) == PACKAGED_MODEL
-    (tmp_path / "data" / "train" / "talkingeyes").mkdir(parents=True)
-    assert find_model(None) == Path("data/train/talkingeyes")
+    (tmp_path / "data" / "train" / "talkingeyes_events").mkdir(parents=True)
+    assert find_model(None) == Path("data/train/talkingeyes_events")
 
 
 def test_the_packaged_models_are_small_and_complete() -> None:

@@ -405,10 +405,10 @@ def test_the_experiment_composes_and_its_heads_are_those_of_the_tables() -> None
     from pipelines.posegan_table import ABLATIONS, GAZE
 
     models = compose(["experiment=posegan"])["model"]
-    assert {*HEADS, *ABLATIONS, *GAZE, "pgface", "talkingeyes"} <= set(models)
+    assert {*HEADS, *ABLATIONS, *GAZE, "pgface", "talkingeyes_events"} <= set(models)
     assert models["posegan_without_motion"]["weights"]["motion"] == 0
     assert not models["posegan_without_initial_pose"]["head"]["initial_pose"]
-    assert models["head_vqvae_then_gaze"]["source_models"] == ["head_vqvae", "talkingeyes"]
+    assert models["head_vqvae_then_gaze"]["source_models"] == ["head_vqvae", "talkingeyes_events"]
 
 
 class TestTables:

@@ -19,7 +19,7 @@ import talkingeyes as te
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A current folder with a sound, and a model at the default location."""
     monkeypatch.chdir(tmp_path)
-    toy_model(tmp_path / "data" / "train" / "talkingeyes")
+    toy_model(tmp_path / "data" / "train" / "talkingeyes_events")
     for name in ("speech", "partner"):
         sound_file(tmp_path / f"{name}.wav", 3.0)
     return tmp_path

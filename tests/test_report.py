@@ -29,7 +29,7 @@ def workspace(tmp_path_factory):
     critic.run(made)
     for row in ROWS:
         evaluate.run(made, row)
-    made.data("sample", "random").rename(made.data("sample", "talkingeyes"))
+    made.data("sample", "random").rename(made.data("sample", "talkingeyes_events"))
     made.data("pretrain", "codes").mkdir(parents=True)
     made.data("pretrain", "codes", "codes.json").write_text(json.dumps({"counts": [5, 0, 1, 1]}))
     return made

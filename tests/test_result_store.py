@@ -249,4 +249,4 @@ def test_a_model_that_only_an_experiment_names_reads_what_others_do():
     params["model"]["mine"] = {**params["model"]["talkingeyes"], "tokenizer": "gaze_frames"}
     found = [call.address for call in required_calls(stage_calls(params, stage_order(params)), "evaluate@mine")]
     assert {"pretrain@gaze_frames", "train@mine", "sample@mine"} <= set(found)
-    assert not {"train@talkingeyes", "sample@talkingeyes"} & set(found)
+    assert not {"train@talkingeyes_events", "sample@talkingeyes_events"} & set(found)

@@ -217,7 +217,7 @@ def test_memory_does_not_grow(live: LiveModel) -> None:
             },
             "head",
         ),
-        ({"gaze": content("model", "talkingeyes.yaml")["gaze"]}, "gaze without lookahead"),
+        ({"gaze": content("model", "talkingeyes_events.yaml")["gaze"]}, "gaze without lookahead"),
         ({**CODES, "gaze": CODES["gaze"] | {"condition_lookahead": 1}}, "gaze without lookahead"),
     ],
 )

@@ -295,7 +295,7 @@ def toy_data(root: Path, clips: int = 4) -> Path:
         folder = root / "data" / "sample"
         truth.save(make_shard_path(corpus.root / "truth", name, ".npz"))
         drawn = Samples(FPS, rng.normal(0, 0.1, (2, FRAMES, 3)), np.stack([gaze, gaze]))
-        drawn.save(make_shard_path(folder / "talkingeyes", name, ".npz"))
+        drawn.save(make_shard_path(folder / "talkingeyes_events", name, ".npz"))
         faces = FaceSamples(FPS, np.full((2, FRAMES, 3), 0.1), np.full((2, FRAMES, 1), 0.5), ("jawOpen",), "anny")
         faces.save(make_shard_path(folder / "probtalk3d", name, ".npz"))
         index.append(Clip(name, name, 0, "s", "test", FRAMES / FPS, FPS, "neutral", 0, "en", "", "", "", ""))

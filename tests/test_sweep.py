@@ -20,7 +20,7 @@ from talkingeyes.core.errors import InputError
 pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning")
 
 CODES = "pretrain.gaze_frames.network.quantiser.codes"
-PLACES = "model.talkingeyes.gaze.process.absolute_components"
+PLACES = "model.talkingeyes_events.gaze.process.absolute_components"
 
 
 def run(monkeypatch, *arguments):
@@ -107,7 +107,7 @@ import pipelines.experiment as experiment
 
 def chain(params, view, overrides=(), watch=None):
     codes = params["pretrain"]["gaze_patches"]["network"]["quantiser"]["codes"]
-    weight = params["model"]["talkingeyes_categorical"]["weights"]["head_kl"]
+    weight = params["model"]["talkingeyes"]["weights"]["head_kl"]
     with open(Path(params["workspace"], "asked"), "a") as file:
         print(json.dumps([os.getpid(), codes, weight]), file=file)
     time.sleep(0.3)
@@ -148,7 +148,7 @@ def test_bad_trials_end_early(tmp_path, monkeypatch):
     steps = []
 
     def chain(params, view, overrides, on_validation):
-        weight = params["model"]["talkingeyes"]["weights"]["head_location"]
+        weight = params["model"]["talkingeyes_events"]["weights"]["head_location"]
         for step in (1, 2, 3):
             steps.append(step)
             on_validation(step, {"validation_score": -weight})
@@ -167,8 +167,10 @@ def test_bad_trials_end_early(tmp_path, monkeypatch):
     assert set(states) == {"COMPLETE", "PRUNED"}
     pruned = [trial for trial in study.trials if trial.state.name == "PRUNED"]
     assert len(steps) == 3 * states.count("COMPLETE") + sum(len(trial.intermediate_values) for trial in pruned)
-    worst = max(study.trials, key=lambda trial: trial.params["model.talkingeyes.weights.head_location"])
-    assert study.best_value == min(trial.params["model.talkingeyes.weights.head_location"] for trial in study.trials)
+    worst = max(study.trials, key=lambda trial: trial.params["model.talkingeyes_events.weights.head_location"])
+    assert study.best_value == min(
+        trial.params["model.talkingeyes_events.weights.head_location"] for trial in study.trials
+    )
     assert worst.number < 4 or worst.state.name == "PRUNED"
 
 

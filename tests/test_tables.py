@@ -97,14 +97,14 @@ TABLE = PaperTable(
     "Which?",
     (Column("Div.", "gaze/diversity"),),
     (Column("still", "gaze/still_fraction", 2),),
-    {"vae": (0.25,), "talkingeyes_paper": (0.5,), "talkingeyes": None},
+    {"vae": (0.25,), "talkingeyes_paper": (0.5,), "talkingeyes_events": None},
 )
 
 
 def test_page_has_our_values_published_values_and_order():
     ours = {
         name: {"gaze/diversity": seeds_of([value] * 3, [value + 0.1] * 3)}
-        for name, value in (("vae", 0.4), ("talkingeyes_paper", 0.1), ("talkingeyes", 0.2))
+        for name, value in (("vae", 0.4), ("talkingeyes_paper", 0.1), ("talkingeyes_events", 0.2))
     }
     came = table_result(TABLE, {**ours, "truth": {"gaze/diversity": seeds_of([0.3])}}, BOOTSTRAP)
     page = markdown(TABLE, {"test": came})
@@ -113,7 +113,7 @@ def test_page_has_our_values_published_values_and_order():
     assert "| Div. | no | 0 of 1 | -1.00 | TalkingEyes as written > VAE | – |" in page
     plain = as_json(TABLE, {"test": came})
     assert plain["rows"]["vae"]["paper"] == {"gaze/diversity": 0.25}
-    assert plain["rows"]["talkingeyes"]["paper"] is None
+    assert plain["rows"]["talkingeyes_events"]["paper"] is None
     assert plain["orders"]["test"]["gaze/diversity"]["agreeing"] == 0
     json.dumps(plain)
 

@@ -21,7 +21,7 @@ MOMENT_S, SAMPLES, SIZE = 4.4, 2, (1500, 1010)
 def main(data: Path) -> None:
     """The first clip of the test split."""
     clip = Corpus(data / "synthesize").select("test", take=0)[0].id
-    drawn = Samples.load(shard_path(data / "sample" / "talkingeyes", clip, ".npz"))
+    drawn = Samples.load(shard_path(data / "sample" / "talkingeyes_events", clip, ".npz"))
     with tempfile.TemporaryDirectory() as folder:
         few = Path(folder, f"{clip}.npz")
         Samples(drawn.fps, drawn.head[:SAMPLES], drawn.gaze[:SAMPLES]).save(few)

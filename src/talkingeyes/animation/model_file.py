@@ -33,7 +33,7 @@ from talkingeyes.core.errors import InputError
 SCHEMA = "talkingeyes.model/1"
 METADATA_KEY = "talkingeyes"
 ALLOW_PLUGINS = "TALKINGEYES_ALLOW_PLUGINS"
-WORKSPACE_MODEL = Path("data", "train", "talkingeyes")
+WORKSPACE_MODEL = Path("data", "train", "talkingeyes_events")
 ASSETS = Path(__file__).parent / "assets"
 PACKAGED_MODEL, PACKAGED_LIVE_MODEL = ASSETS / "talkingeyes.safetensors", ASSETS / "talkingeyes_live.safetensors"
 SUFFIX = ".safetensors"

@@ -75,7 +75,7 @@ def animate(
         Path | None,
         typer.Option(
             help="A model: a folder of the train stage or a file of `pack`. "
-            "Default: data/train/talkingeyes (of `make repro`), else the packaged one."
+            "Default: data/train/talkingeyes_events (of `make repro`), else the packaged one."
         ),
     ] = None,
     formats: Annotated[

@@ -154,7 +154,7 @@ def results_of_study(
 def serve(
     model: Annotated[
         Path | None,
-        typer.Option(help="The model for files; default: data/train/talkingeyes, else the packaged one."),
+        typer.Option(help="The model for files; default: data/train/talkingeyes_events, else the packaged one."),
     ] = None,
     live_model: Annotated[
         Path | None,

@@ -23,9 +23,11 @@ COLOURS = {
     "mean": "#a6761d",
     "random": "#7570b3",
     "similar": "#1f78b4",
+    "untrained": "#bdbdbd",
     "vae": "#66a61e",
     "talkingeyes_paper": "#e7298a",
-    "talkingeyes": "#d95f02",
+    "talkingeyes": "#b2182b",
+    "talkingeyes_events": "#d95f02",
     "talkingeyes_live": "#1b9e77",
 }
 PANELS = (
@@ -126,7 +128,7 @@ def plot_speed_distributions(speeds: Mapping[str, Mapping[str, Float[ndarray, "2
     for axis, (part, title) in zip(axes, PARTS.items(), strict=True):
         for name in names:
             speed, share = speeds[name][part]
-            wide = name in ("truth", "talkingeyes")
+            wide = name in ("truth", "talkingeyes_events")
             shown = np.where(share > 0, share, np.nan)
             axis.loglog(
                 speed, shown, color=COLOURS.get(name), linewidth=2.2 if wide else 1.2, label=TITLES.get(name, name)

@@ -1,6 +1,7 @@
 """Speech to head and gaze: a head generator, then a gaze generator conditioned on it, trained jointly (section IV-D).
 
-`talkingeyes`, `talkingeyes_paper` and `vae` are instances of this model with different generators (conf/model/).
+`talkingeyes`, `talkingeyes_events`, `talkingeyes_paper` and `vae` are instances of this model with different generators
+(conf/model/).
 """
 
 from __future__ import annotations

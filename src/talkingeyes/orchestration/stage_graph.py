@@ -63,8 +63,9 @@ def stage_calls(
 
 
 def required_calls(calls: Sequence[StageCall], target: str) -> list[StageCall]:
-    """The calls that `target` depends on, and `target` last: an address such as train@talkingeyes, or a stage with all
-    items.
+    """The calls that `target` depends on, and `target` last.
+
+    `target` is an address such as train@talkingeyes_events, or a stage with all items.
 
     Raises InputError for an unknown target.
     """

@@ -22,9 +22,11 @@ TITLES = {
     "mean": "Mean",
     "random": "Random",
     "similar": "Similar Sample",
+    "untrained": "Untrained (events, random weights)",
     "vae": "VAE",
     "talkingeyes_paper": "TalkingEyes, as in the paper",
     "talkingeyes": "TalkingEyes",
+    "talkingeyes_events": "TalkingEyes, events (default of animate)",
     "talkingeyes_live": "TalkingEyes, live (lookahead 0.24 s)",
 }
 # Tables III and V of the paper: Diversity, Corr., L2.

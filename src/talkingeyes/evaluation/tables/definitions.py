@@ -71,7 +71,7 @@ TABLES = {
             "vae": (0.06655, 0.45796, 0.17887),
             "canonical_correlation": None,
             "talkingeyes_paper": (0.26398, 0.60435, 0.26570),
-            "talkingeyes": None,
+            "talkingeyes_events": None,
         },
     ),
     "table5": PaperTable(
@@ -122,7 +122,7 @@ TITLES = {
     "vae": "VAE (head: VAE, eyes: VAE)",
     "canonical_correlation": "Canonical correlation (Le et al. 2012)",
     "talkingeyes_paper": "TalkingEyes as written (head: VAE, eyes: VQ-VAE, N = 1,024)",
-    "talkingeyes": "TalkingEyes, default",
+    "talkingeyes_events": "TalkingEyes, events (default)",
     "vqvae_head": "Head: VQ-VAE, eyes: VQ-VAE",
     "vqvae_head_vae_gaze": "Head: VQ-VAE, eyes: VAE",
     "without_velocity": "without velocity loss",
