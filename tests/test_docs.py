@@ -130,7 +130,7 @@ def test_nonexistent_command_is_detected() -> None:
         "teyes",
     ):
         assert checked(command), command
-    assert any("two_cities" in line or "SUBSTITUTED" in line for line in commands(REPOSITORY / "README.md"))
+    assert any("two_cities" in line or "SUBSTITUTED" in line for line in commands(REPOSITORY / "docs/animate.md"))
     assert len(commands(REPOSITORY / "docs/tutorial.md")) >= 10
 
 
