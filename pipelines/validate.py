@@ -8,12 +8,14 @@ Writes: data/validate/<model>/metrics.json {metric: value}: Corr. of the samples
 for comparison; distances of the distributions of eye speed and saccade amplitude from those of the truth (in a corpus
 without truth: of the fitted motion), and their mean, `dynamics_distance`; the same for eccentricity of gaze,
 `eccentricity_distance`; `metrics_worse`, the number of metrics of the gaze benchmark by which the samples are
-significantly worse than the truth, out of `metrics_comparable`. benchmark.json: the benchmark itself.
+significantly worse than the truth, out of `metrics_comparable`; `tie` and `tie_fitted`, Corr. less that under other
+sounds of the speaker; ratios of speed to the truth's; `diversity`. benchmark.json: the benchmark itself.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -26,7 +28,7 @@ from talkingeyes.corpus.recordings import Recordings, recordings
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.evaluation.benchmark.corr import CRITICS, SHUFFLED_SOUNDS, corr_scores
+from talkingeyes.evaluation.benchmark.corr import CRITICS, SHUFFLED_SOUNDS, CorrScores, corr_scores
 from talkingeyes.evaluation.benchmark.paired import (
     PairedAccumulator,
     SoundStatistics,
@@ -39,10 +41,13 @@ from talkingeyes.evaluation.critic.evaluators import Evaluators
 from talkingeyes.evaluation.model_selection.validation_metrics import (
     DynamicsDistances,
     MotionDynamics,
+    MotionSpeeds,
     ValidateSettings,
     dynamics_distances,
     motion_dynamics,
+    speed_margins,
 )
+from talkingeyes.evaluation.paper_metrics.l2_diversity import diversity
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
@@ -62,12 +67,17 @@ class InputPaths:
 
 @dataclass(frozen=True)
 class SoundValidation:
-    """Results of one sound: Corr. by part, sampled and fitted; eye dynamics, sampled and true; benchmark statistics."""
+    """Results of one sound: Corr. by critic, Diversity, dynamics, speeds, statistics of the benchmark."""
 
-    corr: dict[str, float]
-    corr_fitted: dict[str, float]
+    scores: dict[str, CorrScores]
+    fitted_scores: dict[str, CorrScores]
+    diversity: float
+    head_diversity: float
     sampled: MotionDynamics
     truth: MotionDynamics
+    sampled_speeds: MotionSpeeds
+    true_speeds: MotionSpeeds
+    fitted_speeds: MotionSpeeds
     benchmark: SoundStatistics
 
 
@@ -83,8 +93,15 @@ def run(workspace: Workspace, name: str) -> Report:
             benchmark.add(one.benchmark)
         table = benchmark.table(settings.bootstrap)
         figures = {
-            **{_name("corr", part): _mean([clip.corr[part] for clip in found]) for part in CRITICS},
-            **{_name("corr_fitted", part): _mean([clip.corr_fitted[part] for clip in found]) for part in CRITICS},
+            **_corr([clip.scores for clip in found], ""),
+            **_corr([clip.fitted_scores for clip in found], "_fitted"),
+            "diversity": _mean([clip.diversity for clip in found]),
+            "diversity_head": _mean([clip.head_diversity for clip in found]),
+            **speed_margins(
+                [clip.sampled_speeds for clip in found],
+                [clip.true_speeds for clip in found],
+                [clip.fitted_speeds for clip in found],
+            ),
             **_named(dynamics_distances([clip.sampled for clip in found], [clip.truth for clip in found])),
             "metrics_worse": float(table.worse),
             "metrics_comparable": float(table.comparable),
@@ -116,16 +133,19 @@ def validate_sound(paths: InputPaths, settings: ValidateSettings, sound: SoundGr
     under = [np.array(other.speech) for other in others]
     scores = corr_scores(evaluators.critics, speech, under, sampled.head, sampled.gaze)
     takes = _takes(corpus, paths, sound)
+    true = _single_sample(takes[0]) if corpus.has_truth else own
     annotation = corpus.annotation(clip)
     motion_sets = pair_with_truth(sample_behaviours(sampled, annotation), motion_behaviours(takes, annotation))
     return SoundValidation(
-        {part: float(scores[critic].matched.mean()) for part, critic in CRITICS.items()},
-        {
-            part: float(evaluators.critics[critic](speech, own.head, own.gaze).mean())
-            for part, critic in CRITICS.items()
-        },
+        scores,
+        corr_scores(evaluators.critics, speech, under, own.head, own.gaze),
+        diversity(sampled.gaze.reshape(*sampled.gaze.shape[:2], -1)),
+        diversity(sampled.head),
         motion_dynamics(sampled),
-        motion_dynamics(_single_sample(takes[0]) if corpus.has_truth else own),
+        motion_dynamics(true),
+        MotionSpeeds.of(sampled),
+        MotionSpeeds.of(true),
+        MotionSpeeds.of(own),
         sound_statistics(motion_sets, scores, evaluators.critics, evaluators.encoder, speech, under),
     )
 
@@ -164,6 +184,17 @@ def _load_evaluators(folder: Path) -> Evaluators:
 
 def _single_sample(motion: Motion) -> Samples:
     return Samples(motion.fps, motion.head[None], motion.gaze[None])
+
+
+def _corr(found: Sequence[dict[str, CorrScores]], of: str) -> dict[str, float]:
+    """Corr. of each part under its own sound, and less that under other sounds of the speaker."""
+    metrics: dict[str, float] = {}
+    for part, critic in CRITICS.items():
+        own, others = (
+            _mean([float(getattr(scores[critic], name).mean()) for scores in found]) for name in ("matched", "others")
+        )
+        metrics |= {_name(f"corr{of}", part): own, _name(f"tie{of}", part): own - others}
+    return metrics
 
 
 def _name(figure: str, part: str) -> str:

@@ -129,13 +129,15 @@ def test_critics_must_tell_mismatched_motion():
 
 
 def test_baselines_miss_what_models_must_reach(repository):
-    """The committed report: what follows no sound misses every tie, a conditional mean the margins, by their intervals."""
+    """In the committed report, what follows no sound misses every tie, and a conditional mean the margins."""
     found = json.loads((repository / "data" / "report" / "requirements.json").read_text())
     missed = {
         name: {each["requirement"] for each in column if each["missed_by_interval"]} for name, column in found.items()
     }
     eyes_and_head = {
-        f"{split}: tie of {part} to its sound / fitted motion" for split in ("test", "unseen") for part in ("eyes", "head")
+        f"{split}: tie of {part} to its sound / fitted motion"
+        for split in ("test", "unseen")
+        for part in ("eyes", "head")
     }
     for name in ("random", "similar", "untrained"):
         assert eyes_and_head <= missed[name], name

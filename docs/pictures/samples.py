@@ -38,7 +38,12 @@ def draw(folder: Path) -> None:
             picture.paste(Image.fromarray(frame), (SIZE_PX * place, 0))
         pictures.append(picture)
     pictures[0].save(
-        folder / "samples.webp", save_all=True, append_images=pictures[1:], duration=round(EVERY * 40), loop=0, quality=70
+        folder / "samples.webp",
+        save_all=True,
+        append_images=pictures[1:],
+        duration=round(EVERY * 40),
+        loop=0,
+        quality=70,
     )
 
 

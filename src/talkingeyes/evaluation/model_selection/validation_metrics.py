@@ -5,6 +5,9 @@ and amplitude have the same weight. They compare the speed of eye-in-head betwee
 of gaze in space. A model without saccades gets the distance of saccades of amplitude zero. The distance of eccentricity
 (the angle between gaze in space and straight ahead) is reported separately and is not part of the mean: it shows
 whether gaze drifts away.
+
+Random motion has these distances as small as a model that follows its sound: choose by `tie` (Corr. less that under
+other sounds of the speaker) as well, among models whose margins are those of the truth.
 """
 
 from __future__ import annotations
@@ -18,7 +21,12 @@ from jaxtyping import Float
 from numpy import ndarray
 from pydantic import Field
 
-from talkingeyes.core.kinematics import eye_speed_deg_s
+from talkingeyes.core.kinematics import (
+    eye_speed_deg_s,
+    gaze_in_space_speed_deg_s,
+    head_speed_deg_s,
+    still_fraction,
+)
 from talkingeyes.core.rotation import cyclopean_gaze, gaze_in_space
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.samples import Samples
@@ -31,6 +39,9 @@ SelectionMetric = Literal[
     "corr",
     "corr_gaze_in_space",
     "corr_head",
+    "tie",
+    "tie_gaze_in_space",
+    "tie_head",
     "dynamics_distance",
     "eye_speed_distance",
     "saccade_amplitude_distance",
@@ -53,6 +64,45 @@ class MotionDynamics:
     eye_speed_deg_s: Float[ndarray, " F"]
     saccade_amplitude_deg: Float[ndarray, " N"]
     eccentricity_deg: Float[ndarray, " P"]
+
+
+@dataclass(frozen=True)
+class MotionSpeeds:
+    """Speeds between frames of several motions of a sound, in degrees per second."""
+
+    eyes: Float[ndarray, " F"]
+    gaze_in_space: Float[ndarray, " F"]
+    head: Float[ndarray, " F"]
+
+    @classmethod
+    def of(cls, samples: Samples) -> MotionSpeeds:
+        """The speeds of all samples, pooled."""
+        return cls(
+            eye_speed_deg_s(samples.gaze, samples.fps).ravel(),
+            gaze_in_space_speed_deg_s(samples.head, samples.gaze, samples.fps).ravel(),
+            head_speed_deg_s(samples.head, samples.fps).ravel(),
+        )
+
+    @classmethod
+    def pooled(cls, parts: Sequence[MotionSpeeds]) -> MotionSpeeds:
+        """The speeds of many sounds."""
+        return cls(
+            *(np.concatenate([getattr(each, name) for each in parts]) for name in ("eyes", "gaze_in_space", "head"))
+        )
+
+
+def speed_margins(
+    sampled: Sequence[MotionSpeeds], truth: Sequence[MotionSpeeds], fitted: Sequence[MotionSpeeds]
+) -> dict[str, float]:
+    """Speeds of samples relative to the truth's, and the time that gaze is at rest relative to fitted motion."""
+    of_samples, of_truth, of_fitted = map(MotionSpeeds.pooled, (sampled, truth, fitted))
+    top, top_of_truth = (float(np.quantile(each.eyes, 0.99)) for each in (of_samples, of_truth))
+    return {
+        "eye_speed_ratio": float(of_samples.eyes.mean() / of_truth.eyes.mean()),
+        "eye_speed_p99_ratio": top / top_of_truth,
+        "rest_ratio": still_fraction(of_samples.gaze_in_space) / still_fraction(of_fitted.gaze_in_space),
+        "head_speed_ratio": float(of_samples.head.mean() / of_truth.head.mean()),
+    }
 
 
 @dataclass(frozen=True)
