@@ -74,8 +74,10 @@ validation. The distances and the two-sample test use all {people}. The recordin
   range of five splits).
 - Intervals (95 %) resample people and speakers. Distances cannot be negative, so intervals lie high.
 
-Baselines come first. `uniform`: eyes that jump to a uniformly random direction every 0.2 to 5 s, head still. `random`:
-the true motion of a random training clip under another sound. `truth`: the synthetic world.
+Baselines come first. `re-recorded`: the people's fixations, one after the other, recorded by the simulated tracker; it
+differs by what the tracker does, and by the joins between segments, which add large shifts. `uniform`: eyes that jump
+to a uniformly random direction every 0.2 to 5 s, head still. `random`: the true motion of a random training clip under
+another sound. `truth`: the synthetic world.
 
 {states}
 

@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+import soundfile
 from toy_people import ANNOTATION, ToyPerson
 
 from talkingeyes.core.errors import InputError
@@ -36,6 +37,7 @@ from talkingeyes.evaluation.people.tracker import (
     Samples,
     Tracker,
     detect_screen_fixations,
+    record_again,
     record_person,
     track,
 )
@@ -232,6 +234,16 @@ def test_classifier_cannot_know_people_by_their_durations_on_another_grid(popula
     assert np.array_equal(people.features[:, 8:13], sequences_of(moved, "speaking").features[:, 8:13])
 
 
+def test_people_recorded_again_are_as_before(population):
+    rng = np.random.default_rng(0)
+    again = [record_again(person, TRACKER, rng) for person in population]
+    names = [measure.name for measure in MEASURES]
+    for state in STATES:
+        before, after = (people_values(each, state).medians for each in (population, again))
+        for name in ("away_share", "horizontal_spread", "vertical_spread", "horizontal_share"):
+            assert after[names.index(name)] == pytest.approx(before[names.index(name)], rel=0.25)
+
+
 def test_uniform_gaze_stays_in_its_range_and_jumps():
     gaze = uniform_gaze_deg(5000, 25.0, np.random.default_rng(0))
     jumps = (np.diff(gaze, axis=0) != 0).any(axis=1).sum()
@@ -332,7 +344,7 @@ def test_command_shows_the_baselines_first_and_writes_json(corpus, table, tmp_pa
     assert content == json.loads(json.dumps(found.content))
     for state in STATES:
         rows = content["states"][state]["rows"]
-        assert list(rows) == ["uniform", "random", "truth", "motions"]
+        assert list(rows) == ["re-recorded", "uniform", "random", "truth", "motions"]
         assert rows["truth"]["measures"]["away_share"]["value"] == rows["motions"]["measures"]["away_share"]["value"]
         assert rows["random"]["measures"]["away_share"] != rows["truth"]["measures"]["away_share"]
     assert content["tracker"]["noise_deg"] == TRACKER.noise_deg
@@ -348,6 +360,31 @@ def test_comparison_takes_people_without_a_state(population):
     content = compare_with_people(population, {"motions": silent}, SETTINGS)
     row = content["states"]["listening"]["rows"]["motions"]
     assert row["mean_ratio"] is None and row["measures"] == {} and "needs 20 sequences" in row["reason"]
+
+
+def test_speech_of_other_sounds_is_detected(table, tmp_path):
+    made = ToyPerson(0, seconds=60.0).at(25.0)
+    rng, rate = np.random.default_rng(0), 16000
+    speech = rng.normal(0, 1e-4, rate * 60).astype(np.float32)
+    for start in range(0, 30, 3):
+        speech[start * rate : (start + 2) * rate] *= 1000
+    (tmp_path / "motions").mkdir()
+    Motion.of(25.0, made.head, made.gaze, lid=made.lid).save(tmp_path / "motions" / "mine_sample_00.npz")
+    soundfile.write(tmp_path / "mine.wav", speech, rate)
+    found = evaluate_people(tmp_path / "motions", table, sound=tmp_path, n_resamples=20)
+    rows = {state: found.content["states"][state]["rows"] for state in STATES}
+    assert list(rows["speaking"]) == ["re-recorded", "uniform", "motions"]
+    assert all(5 < rows[state]["motions"]["seconds"] < 30 for state in STATES)
+
+
+def test_a_frozen_gaze_has_no_shifts(corpus, table, tmp_path):
+    for index in range(12):
+        still = Motion.of(25.0, np.zeros((750, 3)), np.zeros((750, 2, 3)))
+        still.save(tmp_path / f"c{index}-t0.npz")
+    found = evaluate_people(tmp_path, table, reference=corpus, n_resamples=20)
+    row = found.content["states"]["listening"]["rows"]["motions"]
+    assert row["measures"]["away_share"]["value"] == 0 and row["measures"]["shift_rate"]["value"] == 0
+    assert row["largest"]["ratio"] > 1.5 and "step_median" not in row["measures"]
 
 
 def test_mistakes_are_one_line(corpus, table, tmp_path):

@@ -2,8 +2,9 @@
 
 Reads motion files (corpus/motion_files.py), the table of recorded fixations (evaluation/people/fixations.py), and what
 says when the subject speaks and when it listens: the annotations of a corpus whose clips the files are named after, or
-sounds of the same names. With a corpus, its true motion and Random (the true motion of a training clip under another
-sound) are rows too; the uniform baseline always is. Needs no trained model. If a folder is given, writes people.json.
+sounds of the same names. Baselines are rows, too: the people themselves, recorded again; uniform eyes; and with a
+corpus its true motion and Random (the true motion of a training clip under another sound). Needs no trained model. If a
+folder is given, writes people.json.
 """
 
 from __future__ import annotations
@@ -31,13 +32,13 @@ from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.people.baselines import uniform_gaze_deg
 from talkingeyes.evaluation.people.comparison import as_text, compare_with_people
 from talkingeyes.evaluation.people.fixations import STATES, Person, read_people, split_people
-from talkingeyes.evaluation.people.tracker import CLOSED, TRACKER, GazeClip, record_person
+from talkingeyes.evaluation.people.tracker import CLOSED, TRACKER, GazeClip, record_again, record_person
 from talkingeyes.workflows.evaluate import CONFIDENCE_LEVEL, MAX_NOTES, EvaluatedSound, annotate_sound, match_files
 
 OUTPUT_FILES = re.compile(r"people\.json")
 SILENCE_S = 2.0  # silence this long is listening; pauses within a turn are shorter
 ANY_SPEAKER = "motions"
-UNIFORM, RANDOM, TRUTH, MOTIONS = "uniform", "random", "truth", "motions"
+RERECORDED, UNIFORM, RANDOM, TRUTH, MOTIONS = "re-recorded", "uniform", "random", "truth", "motions"
 
 Clips = Mapping[str, Sequence[GazeClip]]  # by speaker
 
@@ -82,7 +83,9 @@ def evaluate_people(
     sounds = _sounds(files, corpus, None if sound is None else Path(sound), notes)
     clips = read_rows(sounds, corpus, seed, notes)
     settings = BootstrapSettings(n_resamples=n_resamples, confidence_level=CONFIDENCE_LEVEL, seed=seed)
-    rows = {name: record_speakers(each, seed) for name, each in clips.items()}
+    rng = np.random.default_rng(seed)
+    rows = {RERECORDED: [record_again(person, TRACKER, rng) for person in recorded]}
+    rows |= {name: record_speakers(each, seed) for name, each in clips.items()}
     content = compare_with_people(recorded, rows, settings)
     validation = [person.name for person in split_people(recorded)[1]]
     content |= {"validation_people": validation, "tracker": asdict(TRACKER), "notes": notes}

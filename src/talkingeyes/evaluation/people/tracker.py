@@ -11,14 +11,14 @@ people that are not kept for validation (medians of people). While they listen, 
 one nearer than 1.5 degrees, half of these by one nearer than 0.5 degrees: noise and small saccades. Under the noise
 here, a still gaze that the tracker loses as often splits 0.8 times a second, into fixations 0.3 degrees apart. Segments
 last 0.8 s while speaking and 1.2 s while listening (first onset to last end), which 1.43 and 0.91 losses per second
-give. Blinks of the motion lose samples too; 0.33 blinks per second are taken off the random losses. Segments are 0.56 s
+give. Blinks of the motion lose samples too; BLINKS_PER_S is taken off the random losses. Segments are 0.56 s
 apart, of which about 0.3 s are the fixation that is left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
@@ -32,6 +32,7 @@ from talkingeyes.evaluation.people.fixations import STATES, FixationRecord, Pers
 
 DISPERSION_PX = 30.0
 MIN_SAMPLES = 10  # at 90 Hz, the least that lasts 100 ms
+BLINKS_PER_S = 0.33
 CLOSED = 0.5  # of the lids; the tracker loses the pupil
 RANGE_DEG = (38.0, 30.0)  # half width and height that the recordings cover around the middle of the screen
 
@@ -161,3 +162,18 @@ def _joined(records: Sequence[FixationRecord]) -> FixationRecord:
         np.concatenate([getattr(each, key) for each in records]) for key in ("onset_s", "duration_s", "centre_deg")
     ]
     return merge_fixations(FixationRecord(np.concatenate(segments), *arrays))
+
+
+def record_again(person: Person, tracker: Tracker, rng: np.random.Generator) -> Person:
+    """A recorded person, fixations one after the other without the gaps between segments, recorded by this tracker.
+
+    What differs from the person is due to the simulated tracker, and to the joins, which add large shifts.
+    """
+    clips = []
+    for state, record in enumerate(person.records.values()):
+        samples = np.maximum(1, np.rint(record.time_s * CONVERSATION_RATE_HZ)).astype(int)
+        gaze = np.repeat(record.centre_deg, samples, axis=0)
+        clips.append(GazeClip(CONVERSATION_RATE_HZ, gaze, np.full(len(gaze), state), np.zeros(len(gaze), bool)))
+    # Blinks are not in the fixations: all losses are random.
+    losses = tuple(rate + BLINKS_PER_S for rate in tracker.loss_per_s)
+    return record_person(person.name, clips, replace(tracker, loss_per_s=(losses[0], losses[1])), rng)
