@@ -64,8 +64,8 @@ validation. The distances and the two-sample test use all {people}. The recordin
 - **Cut segments.** A lost sample ends a segment, so most last about a second, and the last fixation of each is not
   listed. Rates are events per observed second. Durations are Kaplan-Meier means up to 1.5 s of fixations whose onset
   was seen; those that the segment cuts are censored. Long fixations are under-represented, in people and motions alike.
-- Fixations nearer than 1.5 degrees are merged. The partner is the densest place of fixations while listening, with a
-  radius of 4 degrees.
+- Fixations nearer than 1.5 degrees are merged. The partner is the densest place of fixations while listening (of both
+  states, with less than 20 s of listening), with a radius of 4 degrees.
 - **Person-to-person units.** The ratio in brackets is the distance between the medians over speakers and over people,
   divided by the mean distance of two people (column "apart"). No person weighs more than another. `*`: all speakers
   pooled, because fewer than five have enough data. "halves": ratio between random halves of the people.

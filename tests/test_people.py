@@ -355,6 +355,14 @@ def test_command_shows_the_baselines_first_and_writes_json(corpus, table, tmp_pa
         evaluate_people(corpus / "truth", table, tmp_path / "out", reference=corpus, n_resamples=20)
 
 
+def test_two_sample_test_without_scikit_learn_is_a_note(corpus, table, monkeypatch):
+    monkeypatch.setitem(sys.modules, "sklearn.ensemble", None)
+    monkeypatch.setattr("talkingeyes.evaluation.people.two_sample.MIN_SEQUENCES", 4)
+    found = evaluate_people(corpus / "truth", table, reference=corpus, n_resamples=20)
+    assert found.content["states"]["speaking"]["rows"]["motions"]["auc"] is None
+    assert "two-sample test: needs scikit-learn" in people_text(found)
+
+
 def test_comparison_takes_people_without_a_state(population):
     silent = [Person("s", {"speaking": population[0].records["speaking"], "listening": record([])})]
     content = compare_with_people(population, {"motions": silent}, SETTINGS)

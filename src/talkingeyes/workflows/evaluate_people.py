@@ -87,6 +87,8 @@ def evaluate_people(
     rows = {RERECORDED: [record_again(person, TRACKER, rng) for person in recorded]}
     rows |= {name: record_speakers(each, seed) for name, each in clips.items()}
     content = compare_with_people(recorded, rows, settings)
+    reasons = {each["rows"][MOTIONS]["reason"]: state for state, each in content["states"].items()}
+    notes += [f"{state}: {reason}" for reason, state in reasons.items() if reason]
     validation = [person.name for person in split_people(recorded)[1]]
     content |= {"validation_people": validation, "tracker": asdict(TRACKER), "notes": notes}
     if output_path is not None:
