@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from pipelines import combinations, face_table, posegan_table, reference_ranges_model, tables
+from pipelines import combinations, face_table, people, posegan_table, reference_ranges_model, tables
 from talkingeyes.evaluation.bootstrap import Estimate
 from talkingeyes.evaluation.face.table import face_markdown
 from talkingeyes.evaluation.multi_seed import MultiSeedEstimate
@@ -38,6 +38,10 @@ def test_page_of_faces() -> None:
     text = page("face_table")
     introduction = face_table.INTRODUCTION.format(revision=revision_of(text), seeds=SEEDS)
     assert text == introduction + face_markdown(numbers("face_table")) + face_table.PICTURES
+
+
+def test_page_of_people() -> None:
+    assert page("people") == people.page(numbers("people"))
 
 
 def test_page_of_combinations(monkeypatch: Any) -> None:

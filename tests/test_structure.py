@@ -38,6 +38,7 @@ NO_STAGE = {
     "optuna_study",
     "paper_table_rows",
     "params",
+    "people",
     "posegan_table",
     "pruned_sweep",
     "real_videos",

@@ -7,10 +7,15 @@ from typing import Annotated
 
 import typer
 
+from talkingeyes.core.errors import InputError
+
 
 def evaluate(
     motions: Annotated[Path, typer.Argument(metavar="MOTION_DIR", help="Motion files (.npz), named as clips.")],
-    reference: Annotated[Path, typer.Option(help="A corpus with true motion.")],
+    reference: Annotated[Path | None, typer.Option(help="A corpus with true motion.")] = None,
+    people: Annotated[
+        Path | None, typer.Option(help="Table of recorded people (CSV): compare gaze with them instead of the corpus.")
+    ] = None,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="A folder to write: new, or empty.")] = None,
     sound: Annotated[
         Path | None, typer.Option(help="Folder of sounds named as the motions, if these are not clips of the corpus.")
@@ -25,11 +30,24 @@ def evaluate(
     jobs: Annotated[int, typer.Option(help="Number of processes.")] = 1,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the output of an earlier run.")] = False,
 ) -> None:
-    """Compare motions with a corpus: saccades, gaze, eyes and head, blinks, movement, with confidence intervals."""
+    """Compare motions with a corpus (--reference) or recorded people (--people), with confidence intervals."""
+    if people is not None:
+        given = [name for name, value in (("--truth", truth), ("--evaluators", evaluators)) if value is not None]
+        if given:
+            raise InputError(f"{' and '.join(given)}: should not be given with --people")
+        from talkingeyes.workflows.evaluate_people import evaluate_people, people_text
+
+        found = evaluate_people(
+            motions, people, out, reference=reference, sound=sound, n_resamples=n_resamples, seed=seed, force=force
+        )
+        typer.echo(people_text(found))
+        return
+    if reference is None:
+        raise InputError("evaluate: needs --reference CORPUS, or --people DATA")
     from talkingeyes.workflows.evaluate import benchmark_text
     from talkingeyes.workflows.evaluate import evaluate as measure
 
-    found = measure(
+    measured = measure(
         motions,
         reference,
         out,
@@ -41,4 +59,4 @@ def evaluate(
         jobs=jobs,
         force=force,
     )
-    typer.echo(benchmark_text(found))
+    typer.echo(benchmark_text(measured))

@@ -206,13 +206,13 @@ class MotionAccumulator:
 
 
 def match_files(
-    files: dict[str, list[Path]], corpus: Corpus, sound: Path | None
+    files: dict[str, list[Path]], corpus: Corpus | None, sound: Path | None
 ) -> tuple[list[EvaluatedSound], list[EvaluatedSound], list[str]]:
     """Files for sounds of the corpus, with their takes; other files; and notes."""
     takes: dict[str, list[Clip]] = {}
     sound_of: dict[str, str] = {}
     said_by: dict[str, dict[str, None]] = {}
-    for clip in corpus.clips:
+    for clip in corpus.clips if corpus else ():
         takes.setdefault(clip.sound, []).append(clip)
         said_by.setdefault(clip.speaker, {})[clip.sound] = None
         sound_of |= {clip.id: clip.sound, clip.sound: clip.sound}
@@ -258,7 +258,7 @@ def _observe_all(references: ReferencePaths, chunk: Sequence[EvaluatedSound]) ->
 
 def _observe(references: ReferencePaths, unit: EvaluatedSound) -> SoundObservation:
     corpus = Corpus(references.corpus)
-    annotation = corpus.annotation(unit.takes[0]) if unit.takes else _heard(unit.sound)
+    annotation = corpus.annotation(unit.takes[0]) if unit.takes else annotate_sound(unit.sound)
     notes: list[str] = []
     reference = _reference(references.true, unit.takes, annotation, notes)
     motions = list(_behaviours(unit.files, annotation, reference[0] if reference else None, notes))
@@ -317,7 +317,8 @@ def _behaviour(motion: MotionFields, annotation: Annotation | None, reference: B
     return behaviour(motion.fps, motion.fields, motion.valid, annotation, reference)
 
 
-def _heard(sound: Path | None) -> Annotation | None:
+def annotate_sound(sound: Path | None) -> Annotation | None:
+    """Speech in a sound file, by level; None without a file."""
     if sound is None:
         return None
     from talkingeyes.audio.voice_activity import detect_speech
