@@ -27,7 +27,7 @@ from talkingeyes.orchestration.run import Workspace, run_command
 from talkingeyes.workflows.evaluate_people import MOTIONS, RANDOM, TRUTH, UNIFORM, evaluate_people
 
 RECORDED = Path(__file__).resolve().parents[2] / "shared/data/real/gaze/conversation_fixations.csv.gz"
-GROUPS = {"default": "sample/talkingeyes", "live": "sample/talkingeyes_live"}
+GROUPS = {"default": "sample/talkingeyes_events", "live": "sample/talkingeyes_live"}
 DOCS = Path("docs")
 PASSED = 1.0  # ratio that a baseline passes
 
