@@ -23,7 +23,7 @@ SUBSTITUTIONS = [
     (r"^(python -m pipelines\.experiment(?!.*\bexperiment=).*)", r"\1 experiment=tiny workspace=build/experiment"),
     (
         r"^(python -m pipelines\.experiment .*\bsweep=codebook_size\b.*)",
-        rf"\1 {STEPS.format('pretrain.gaze_patches')} {STEPS.format('model.talkingeyes')}",
+        rf"\1 {STEPS.format('pretrain.gaze_patches')} {STEPS.format('model.talkingeyes_codes_vae_head')}",
     ),
     (r"\bexperiment=posegan\b", "experiment=posegan_tiny workspace=build/posegan"),
     (r"^(python -m pipelines\.posegan_table) --seeds [0-9,]+", r"\1 --seeds 0 experiment=posegan_tiny"),

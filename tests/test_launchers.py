@@ -16,7 +16,7 @@ from talkingeyes.orchestration.run import parallel_backend, parallel_map
 pytestmark = pytest.mark.slow
 
 CODES = "pretrain.gaze_frames.network.quantiser.codes"
-SEARCHED = ("pretrain.gaze_patches", "model.talkingeyes")
+SEARCHED = ("pretrain.gaze_patches", "model.talkingeyes_codes_vae_head")
 PAPER = "target=validate@talkingeyes_paper"
 
 
@@ -40,7 +40,7 @@ def sweep(repository, workspace, *arguments):
 
 def validation_metrics(workspace, job):
     """Validation metrics of a job."""
-    path = Path(workspace, "jobs", str(job), "data/validate/talkingeyes/metrics.json")
+    path = Path(workspace, "jobs", str(job), "data/validate/talkingeyes_codes_vae_head/metrics.json")
     return json.loads(path.read_text())
 
 

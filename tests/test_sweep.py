@@ -107,7 +107,7 @@ import pipelines.experiment as experiment
 
 def chain(params, view, overrides=(), watch=None):
     codes = params["pretrain"]["gaze_patches"]["network"]["quantiser"]["codes"]
-    weight = params["model"]["talkingeyes"]["weights"]["head_kl"]
+    weight = params["model"]["talkingeyes_codes_vae_head"]["weights"]["head_kl"]
     with open(Path(params["workspace"], "asked"), "a") as file:
         print(json.dumps([os.getpid(), codes, weight]), file=file)
     time.sleep(0.3)
