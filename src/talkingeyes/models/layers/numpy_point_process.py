@@ -294,7 +294,8 @@ def _sample_categories(
 ) -> Int[ndarray, " S"]:
     """The numpy version of `sample_categorical` in categorical_sampling.py."""
     if temperature == 0:
-        return logits.argmax(-1)
+        return np.asarray(logits.argmax(-1))
     scaled = logits.astype(float) / temperature
     cumulative = np.exp(scaled - scaled.max(-1, keepdims=True)).cumsum(-1)
-    return np.minimum((cumulative < uniform.astype(float)[:, None] * cumulative[:, -1:]).sum(-1), logits.shape[-1] - 1)
+    chosen = (cumulative < uniform.astype(float)[:, None] * cumulative[:, -1:]).sum(-1)
+    return np.asarray(np.minimum(chosen, logits.shape[-1] - 1))
