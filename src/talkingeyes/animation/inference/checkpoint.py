@@ -14,6 +14,8 @@ from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.models.layers.numpy_layers import Tensors
 
+MAX_FRAMES = 1000
+
 
 @dataclass(frozen=True)
 class NumpyCheckpoint:
@@ -33,3 +35,10 @@ def load_checkpoint(folder: Path) -> NumpyCheckpoint:
     return NumpyCheckpoint(
         config, {name: each.astype(np.float32) if each.dtype == np.half else each for name, each in tensors.items()}
     )
+
+
+def bounded(frames: Any) -> int:
+    """A number of frames of a configuration. Raises ValueError if it is not a whole number of a plausible size."""
+    if not isinstance(frames, int) or not 1 <= frames <= MAX_FRAMES:
+        raise ValueError(f"a number of frames should be 1 to {MAX_FRAMES}, got {frames!r}")
+    return frames

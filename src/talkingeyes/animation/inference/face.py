@@ -14,12 +14,12 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy.special import erfc
 
-from talkingeyes.animation.inference.checkpoint import NumpyCheckpoint
+from talkingeyes.animation.inference.checkpoint import NumpyCheckpoint, bounded
 from talkingeyes.animation.inference.networks import SpeechProjection, WindowTransformer
 from talkingeyes.animation.inference.torch_random import BLOCK, normal
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.models.face.basis import JAW_DIM, FaceBasis
-from talkingeyes.models.face.style import STYLE_FADE_S, StyleKey, StyleVocabulary
+from talkingeyes.models.face.style import STYLE_FADE_S, FaceStyle, StyleKey, StyleVocabulary
 from talkingeyes.models.layers.numpy_layers import NumpyLinear
 
 TOKENIZER = "face.tokenizer.encoder_decoder"
@@ -39,7 +39,8 @@ class NumpyFaceGenerator:
     """A trained model of the face."""
 
     def __init__(self, checkpoint: NumpyCheckpoint) -> None:
-        """Raises KeyError for a damaged checkpoint."""
+        """Generates two frames: a damaged checkpoint raises KeyError, TypeError, ValueError, IndexError or
+        ArithmeticError."""
         config, tensors = checkpoint.config, checkpoint.tensors
         face, network = config["model"]["face"], config["tokenizer"]["network"]
         self.basis, self.vocabulary = FaceBasis.of(config["basis"]), StyleVocabulary(tuple(config["speakers"]))
@@ -49,7 +50,9 @@ class NumpyFaceGenerator:
         self._latents = NumpyLinear(tensors, "face.out")
         self._decoder = WindowTransformer(tensors, f"{TOKENIZER}.decoder", network["decoder"])
         self._out = NumpyLinear(tensors, f"{TOKENIZER}.out")
-        self._correlation_frames: int = face["correlation_frames"]
+        self._correlation_frames = bounded(face["correlation_frames"])
+        style = [StyleKey(0.0, FaceStyle(None, "neutral", 0))]
+        self.generate(np.zeros((2, len(tensors["speech.mean"])), np.float32), style, [0], 25.0)
 
     def generate(
         self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seeds: list[int], fps: float

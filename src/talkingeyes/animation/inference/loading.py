@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from talkingeyes.training.face_generators import TrainedFaceGenerator
     from talkingeyes.training.motion_generators import TrainedGenerator
 
+DAMAGED = (KeyError, TypeError, ValueError, IndexError, ArithmeticError)
+
 
 def load_motion_generator(folder: Path) -> NumpyMotionGenerator | TrainedGenerator:
     """A model of head and gaze. Raises InputError if it is missing or damaged."""
@@ -23,7 +25,7 @@ def load_motion_generator(folder: Path) -> NumpyMotionGenerator | TrainedGenerat
     try:
         if can_generate_motion(checkpoint.config):
             return NumpyMotionGenerator(checkpoint)
-    except (KeyError, TypeError, ValueError) as error:
+    except DAMAGED as error:
         raise InputError(f"{folder}: not a model of this version ({error!r}); `make repro` trains one") from None
     from talkingeyes.training.motion_generators import load_generator
 
@@ -35,7 +37,7 @@ def load_face_model(folder: Path, head: FaceBasis) -> NumpyFaceGenerator | Train
     checkpoint = load_checkpoint(folder)
     try:
         generator = NumpyFaceGenerator(checkpoint) if can_generate_face(checkpoint.config) else None
-    except (KeyError, TypeError, ValueError) as error:
+    except DAMAGED as error:
         raise InputError(f"{folder}: not a model of the face ({error!r}); `make repro` trains probtalk3d") from None
     if generator is None:
         from talkingeyes.training.face_generators import load_face_generator

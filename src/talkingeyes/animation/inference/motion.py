@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.animation.inference.checkpoint import NumpyCheckpoint
+from talkingeyes.animation.inference.checkpoint import NumpyCheckpoint, bounded
 from talkingeyes.animation.inference.networks import ConvolutionStack, SpeechProjection
 from talkingeyes.animation.inference.torch_random import uniform
 from talkingeyes.corpus.samples import Samples
@@ -50,9 +50,9 @@ class _Process:
 
     @classmethod
     def of(cls, tensors: Tensors, settings: Mapping[str, Any], temperature: float) -> _Process:
-        weights = SamplerWeights.of(tensors, settings)
+        weights, bin_frames = SamplerWeights.of(tensors), bounded(settings["bin_frames"])
         stack = ConvolutionStack(tensors, "condition_encoder")
-        return cls(stack, Sampler(weights, temperature), settings["bin_frames"], weights.means.shape[1] + 3)
+        return cls(stack, Sampler(weights, temperature), bin_frames, weights.means.shape[1] + 3)
 
     def sample(self, condition: Float[ndarray, "_ T C"], seeds: list[int], extra_bins: int = 0) -> SampledEvents:
         """Sample events, one row per seed, for one condition per row or one for all rows."""
@@ -66,7 +66,8 @@ class NumpyMotionGenerator:
     """A trained model of head and gaze."""
 
     def __init__(self, checkpoint: NumpyCheckpoint) -> None:
-        """Raises KeyError for a damaged checkpoint."""
+        """Generates two frames: a damaged checkpoint raises KeyError, TypeError, ValueError, IndexError or
+        ArithmeticError."""
         model, tensors = checkpoint.config["model"], checkpoint.tensors
         self.speakers: tuple[str, ...] = tuple(checkpoint.config["speakers"]) if model["conditions"] else ()
         self._scales = model["conditions"][0]["embedding_scale"] if model["conditions"] else None
@@ -78,6 +79,7 @@ class NumpyMotionGenerator:
             tensors_under(tensors, "gaze.process"), model["gaze"]["process"], float(tensors["temperature"])
         )
         self._fps: float = model["gaze"]["fps"]
+        self.generate(np.zeros((2, len(tensors["speech.mean"])), np.float32), [0], self._fps)
 
     def generate(
         self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, speaker: int | None = None

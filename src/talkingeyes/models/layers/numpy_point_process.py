@@ -7,9 +7,8 @@ training; tests/test_point_process_sampler.py compares each sample with them. Co
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -95,20 +94,21 @@ class SamplerWeights:
     previous_locations: int
 
     @classmethod
-    def of(cls, tensors: Tensors, settings: Mapping[str, Any]) -> SamplerWeights:
+    def of(cls, tensors: Tensors) -> SamplerWeights:
         """Weights of a process with learned mixture centres, by the formulas of `PointProcess`."""
-        absolute, noise = settings["absolute_components"], np.square(tensors["observation_noise"])
+        centres, noise = tensors["mixture_centres.locations"], np.square(tensors["observation_noise"])
         own, back = (
             np.square(np.exp(tensors[name].clip(MIN_LOG_SD, MAX_LOG_SD))) for name in ("log_sds", "revisits.log_sd")
         )
-        times = np.where(np.arange(len(own)) < absolute, 1, 2)[:, None].astype(np.float32)
+        times = np.where(np.arange(len(own)) < len(centres), 1, 2)[:, None].astype(np.float32)
         sds, return_sd = (
             np.sqrt(np.maximum(each - much * noise, MIN_VARIANCE_RATIO * each))
             for each, much in ((own, times), (back, 2))
         )
-        means = np.concatenate([tensors["mixture_centres.locations"], tensors["offsets"]])
-        steps, locations = settings["previous_steps"], settings["previous_locations"]
-        return cls(tensors, means, sds, return_sd, absolute, steps, locations)
+        means = np.concatenate([centres, tensors["offsets"]])
+        (width,), numbers = tensors["start"].shape, means.shape[1]
+        previous_steps = (tensors["input_projection.weight"].shape[1] - 2 * width - 2 * numbers) // (numbers + 1)
+        return cls(tensors, means, sds, return_sd, len(centres), previous_steps, len(tensors["revisits.recency"]))
 
 
 class Sampler:
