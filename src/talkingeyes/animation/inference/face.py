@@ -44,7 +44,7 @@ class NumpyFaceGenerator:
         config, tensors = checkpoint.config, checkpoint.tensors
         face, network = config["model"]["face"], config["tokenizer"]["network"]
         self.basis, self.vocabulary = FaceBasis.of(config["basis"]), StyleVocabulary(tuple(config["speakers"]))
-        self._tensors, self._speech = tensors, SpeechProjection(tensors)
+        self._tensors, self._speech = tensors, SpeechProjection(tensors, config["model"]["speech"])
         self._style = NumpyLinear(tensors, "style") if "style.weight" in tensors else None
         self._transformer = WindowTransformer(tensors, "face.transformer", face["transformer"])
         self._latents = NumpyLinear(tensors, "face.out")

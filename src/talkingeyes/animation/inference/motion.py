@@ -51,7 +51,10 @@ class _Process:
     @classmethod
     def of(cls, tensors: Tensors, settings: Mapping[str, Any], temperature: float) -> _Process:
         weights, bin_frames = SamplerWeights.of(tensors), bounded(settings["bin_frames"])
-        stack = ConvolutionStack(tensors, "condition_encoder")
+        stack = ConvolutionStack(tensors, "condition_encoder", settings)
+        for name in ("absolute_components", "previous_steps", "previous_locations"):
+            if settings[name] != getattr(weights, name):
+                raise ValueError(f"{name}: should be {getattr(weights, name)} as in the tensors, got {settings[name]}")
         return cls(stack, Sampler(weights, temperature), bin_frames, weights.means.shape[1] + 3)
 
     def sample(self, condition: Float[ndarray, "_ T C"], seeds: list[int], extra_bins: int = 0) -> SampledEvents:
@@ -71,7 +74,7 @@ class NumpyMotionGenerator:
         model, tensors = checkpoint.config["model"], checkpoint.tensors
         self.speakers: tuple[str, ...] = tuple(checkpoint.config["speakers"]) if model["conditions"] else ()
         self._scales = model["conditions"][0]["embedding_scale"] if model["conditions"] else None
-        self._tensors, self._speech = tensors, SpeechProjection(tensors)
+        self._tensors, self._speech = tensors, SpeechProjection(tensors, model["speech"])
         self._head = _Process.of(
             tensors_under(tensors, "head.process"), model["head"]["process"], model["head"]["temperature"]
         )

@@ -16,18 +16,26 @@ BLOCK_FRAMES = 128  # frames whose attention is computed together
 ROTARY_BASE = 10_000
 
 
+def check_size(tensors: Tensors, enter: str, layers: str, settings: Mapping[str, Any]) -> None:
+    """Raises ValueError if the settings name another width or number of layers than the tensors have."""
+    numbers = {key.removeprefix(f"{layers}.").split(".")[0] for key in tensors if key.startswith(f"{layers}.")}
+    found = len(tensors[f"{enter}.bias"]), len(numbers)
+    if found != (settings["width"], settings["layers"]):
+        raise ValueError(f"{enter}: its configuration names another network than that of its tensors")
+
+
 class ConvolutionStack:
     """Residual dilated convolutions (models/layers/convolution.py)."""
 
-    def __init__(self, tensors: Tensors, name: str) -> None:
-        layers = sum(key.startswith(f"{name}.norms.") and key.endswith(".weight") for key in tensors)
+    def __init__(self, tensors: Tensors, name: str, settings: Mapping[str, Any]) -> None:
+        check_size(tensors, f"{name}.input_projection", f"{name}.norms", settings)
         self._enter = NumpyLinear(tensors, f"{name}.input_projection")
         self._layers = [
             (
                 NumpyLayerNorm(tensors, f"{name}.norms.{layer}"),
                 NumpyConv(tensors, f"{name}.convolutions.{layer}", 2**layer),
             )
-            for layer in range(layers)
+            for layer in range(settings["layers"])
         ]
 
     def __call__(self, x: Float[ndarray, "B T C"]) -> Float[ndarray, "B T W"]:
@@ -41,11 +49,11 @@ class ConvolutionStack:
 class SpeechProjection:
     """Standardised channels of an embedding, projected (models/speech_projection.py)."""
 
-    def __init__(self, tensors: Tensors) -> None:
+    def __init__(self, tensors: Tensors, settings: Mapping[str, Any]) -> None:
         self._mean, self._std, self._channels = (
             tensors[f"speech.{name}"] for name in ("mean", "std", "channel_indices")
         )
-        self._stack = ConvolutionStack(tensors, "speech.stack")
+        self._stack = ConvolutionStack(tensors, "speech.stack", settings)
 
     def __call__(self, embedding: Float[ndarray, "T C"]) -> Float[ndarray, "1 T S"]:
         """Features of one speech."""
@@ -57,6 +65,7 @@ class WindowTransformer:
     """Convolution and attention to a window of frames (models/layers/window_transformer.py)."""
 
     def __init__(self, tensors: Tensors, name: str, settings: Mapping[str, Any]) -> None:
+        check_size(tensors, f"{name}.input_projection", f"{name}.layers", settings)
         self._enter = NumpyLinear(tensors, f"{name}.input_projection")
         self._convolution = NumpyConv(tensors, f"{name}.convolution", 1)
         self._layers = [_Layer(tensors, f"{name}.layers.{layer}", settings) for layer in range(settings["layers"])]
