@@ -56,7 +56,7 @@ demo:  ## Animate the packaged recording with the packaged model; opens build/de
 repro: params  ## Run the chain; only what changed runs again. Another corpus: make repro corpus=DIR (fit=video if tracked)
 	@test -z "$$($(BIN)/dvc status -q || echo changed)" || { \
 		$(BIN)/dvc repro fit embed && \
-		{ $(BIN)/dvc repro -s $(ONE_CORE) & one=$$!; $(BIN)/dvc repro -s $(OTHER_CORE); wait $$one; $(BIN)/dvc repro; }; }
+		{ (export TALKINGEYES_PROGRESS=lines; $(BIN)/dvc repro -s $(ONE_CORE) & one=$$!; $(BIN)/dvc repro -s $(OTHER_CORE); wait $$one); $(BIN)/dvc repro; }; }
 	@cat data/report/summary.txt
 
 # Composing conf/ takes seconds, so it is done only if conf/, params.yaml or the choice of the corpus has changed.

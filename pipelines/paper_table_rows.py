@@ -13,13 +13,14 @@ from numpy import ndarray
 
 from pipelines.evaluate import SPLITS, InputPaths, evaluate_sound, held_out_sounds
 from pipelines.table_runs import METRICS_FILE
+from talkingeyes.core.progress import progress_bar
 from talkingeyes.corpus.recordings import Recordings
 from talkingeyes.corpus.sound_groups import SoundGroup
 from talkingeyes.evaluation.critic.evaluators import Evaluators
 from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
 from talkingeyes.evaluation.tables.definitions import REFERENCES
 from talkingeyes.evaluation.tables.row_metrics import SoundMetrics, high_frequency_motion, sound_metrics
-from talkingeyes.orchestration.run import Report, Workspace, progress_bar
+from talkingeyes.orchestration.run import Report, Workspace
 from talkingeyes.orchestration.stage_graph import StageCall
 from talkingeyes.training.motion_generators import load_generator
 

@@ -6,7 +6,7 @@ Writes  data/report/: metrics.json {row: {split: {part: {metric: value}}}}, tabl
         traces (several samples of one sound), speeds, code usage, benchmark (all metrics beside the truth's
         intervals); face.md: the faces, as in ProbTalk3D's Table 1;
         requirements.json: margins and ties of every row, with intervals and whether they are met;
-        summary.txt: five figures per model, which `make repro` prints
+        summary.txt: five figures per model, which `make repro` prints; rows/<row>.json: the same for `dvc metrics`
 Run     python -m pipelines.report
 """
 
@@ -32,7 +32,7 @@ from talkingeyes.evaluation.benchmark.strip_plot import plot_strips
 from talkingeyes.evaluation.benchmark.table import from_json
 from talkingeyes.evaluation.benchmark.table import markdown as benchmark_markdown
 from talkingeyes.evaluation.face.table import face_markdown
-from talkingeyes.evaluation.paper_metrics.report_summary import report_summary
+from talkingeyes.evaluation.paper_metrics.report_summary import report_summary, row_metrics
 from talkingeyes.evaluation.paper_metrics.requirements import (
     Requirement,
     critic_requirements,
@@ -111,6 +111,10 @@ def run(workspace: Workspace) -> Report:
         notes = workspace.data("critic", "notes.txt").read_text()
         (folder / "table3.md").write_text(_page(eyes, critic, notes, upstream, required, benchmarks))
         (folder / "summary.txt").write_text(report_summary(rows, required, upstream, "data/report"))
+        (folder / "rows").mkdir()
+        for name, row in rows.items():
+            figures = row_metrics(row, required.get(name, ()))
+            (folder / "rows" / f"{name}.json").write_text(json.dumps(figures, indent=1) + "\n")
         (folder / "face.md").write_text(FACES + face_markdown(rows))
         plot_strips(
             {TITLES.get(name, name): table for name, table in benchmarks.items()}, _colours(), folder / "benchmark.png"

@@ -21,7 +21,8 @@ from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.face.style import StyleKey
 from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
-from talkingeyes.training.face_generators import TrainedFaceGenerator, is_face_model, load_face_generator
+from talkingeyes.training.face_generators import TrainedFaceGenerator, load_face_generator
+from talkingeyes.training.model_folder import is_face_model
 from talkingeyes.training.motion_generators import TrainedGenerator, load_generator, required_inputs, training_speakers
 
 

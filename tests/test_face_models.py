@@ -23,7 +23,6 @@ from talkingeyes.training import checkpoint
 from talkingeyes.training.face_generators import (
     TrainedFaceGenerator,
     face_config,
-    is_face_model,
     load_face_generator,
     save_face_baseline,
 )
@@ -37,6 +36,7 @@ from talkingeyes.training.face_tokenizer import (
 )
 from talkingeyes.training.face_validation import energy_score, speed_ratio
 from talkingeyes.training.loop import train
+from talkingeyes.training.model_folder import is_face_model
 from talkingeyes.training.resume import ResumeFile
 
 LOOP = {

@@ -14,7 +14,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.head.flame import PUPILS, load_flame, read_flame
 from talkingeyes.head.model import HeadModel
 from talkingeyes.head.posing import expression_shape_names
-from talkingeyes.head.skinning import pose_vertices
+from talkingeyes.head.torch_skinning import pose_vertices
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,8 @@ from talkingeyes.core.rotation import rotvec_to_matrix
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.model import PARENTS
 from talkingeyes.head.posing import motion_to_pose
-from talkingeyes.head.skinning import pose_vertices, posed_vertices, rotation_matrices
+from talkingeyes.head.skinning import posed_vertices
+from talkingeyes.head.torch_skinning import pose_vertices, rotation_matrices
 
 
 def pose(frames: int, seed: int = 0) -> dict[str, torch.Tensor]:

@@ -159,6 +159,8 @@ def test_the_wheel_animates_in_an_empty_environment_and_folder(repository: Path,
     assert wheel.stat().st_size < 8e6
     run(sys.executable, "-m", "venv", str(tmp_path / "venv"))
     run(tmp_path / "venv" / "bin" / "pip", "install", "--quiet", "--no-compile", wheel)
+    installed = run(tmp_path / "venv" / "bin" / "pip", "list", "--format", "freeze")
+    assert "torch==" not in installed
     sound_file(tmp_path / "speech.wav", 2.0)
     said = run(tmp_path / "venv" / "bin" / "talkingeyes", "animate", "speech.wav", "--samples", "1")
     assert said == "speech: 1 motion of 2.00 s at 25 fps by the packaged model\n"

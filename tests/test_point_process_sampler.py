@@ -7,8 +7,9 @@ import pytest
 import torch
 from test_point_process import made
 
+from talkingeyes.models.layers.numpy_point_process import SampledEvents, Sampler
 from talkingeyes.models.layers.point_process import EventSequence, PointProcess
-from talkingeyes.models.layers.point_process_sampler import SampledEvents, Sampler, sample_events
+from talkingeyes.models.layers.point_process_sampler import make_sampler, sample_events
 from talkingeyes.models.layers.revisit_mixture import PreviousLocations
 
 
@@ -38,7 +39,7 @@ def test_sampling_by_event_equals_sampling_by_bin(bias: float) -> None:
     sampled = sample_events(process, condition, uniform, 1.0)
     with torch.no_grad():
         encoded_condition = process.condition_encoder(condition).numpy()
-    events, locations = bin_by_bin(Sampler(process, 1.0), encoded_condition, uniform.numpy())
+    events, locations = bin_by_bin(make_sampler(process, 1.0), encoded_condition, uniform.numpy())
     assert np.array_equal(sampled.event, events)
     np.testing.assert_allclose(sampled.location, locations, atol=1e-5, rtol=1e-5)
     alone = sample_events(process, condition[:1], uniform[:1], 1.0)  # a row is the same alone

@@ -41,7 +41,7 @@ def reported(workspace):
 
 
 def test_writes_tables_and_pictures(workspace, reported):
-    names = {path.name for path in workspace.data("report").iterdir()} - {"SHA256SUMS"}
+    names = {path.name for path in workspace.data("report").iterdir()} - {"SHA256SUMS", "rows"}
     pictures = {"metrics.png", "traces.png", "speeds.png", "code_usage.png", "benchmark.png"}
     assert (
         names == {"metrics.json", "requirements.json", "table3.md", "table3.csv", "face.md", "summary.txt"} | pictures
@@ -58,6 +58,13 @@ def test_the_summary_fits_a_terminal(workspace, reported):
     row = next(line for line in lines if line.startswith("Mean "))
     assert row.split()[1:3] == ["0.00", "0.00"]
     assert any("requirements met" in line for line in lines)
+
+
+def test_each_row_has_a_file_of_the_figures_of_the_summary(workspace, reported):
+    rows = {path.stem: json.loads(path.read_text()) for path in workspace.data("report", "rows").iterdir()}
+    assert set(rows) == set(ROWS)
+    assert {"gaze_corr", "gaze_diversity_ratio", "gaze_speed_ratio", "head_corr"} <= set(rows["random"])
+    assert rows["mean"]["gaze_diversity_ratio"] == rows["mean"]["gaze_speed_ratio"] == 0
 
 
 def test_metrics_hold_every_row_flat(workspace, reported):
@@ -80,10 +87,14 @@ def test_table_has_the_rows_in_order_with_the_papers_numbers(workspace, reported
     assert "codes: fraction of codes in use | at least 0.9 | 0.75 | **off by -0.15**" in page
 
 
+def contents(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
 def test_reports_are_repeatable(workspace, reported):
-    before = {path.name: path.read_bytes() for path in workspace.data("report").iterdir()}
+    before = contents(workspace.data("report"))
     report.run(workspace)
-    assert {path.name: path.read_bytes() for path in workspace.data("report").iterdir()} == before
+    assert contents(workspace.data("report")) == before
 
 
 def test_nothing_to_report_is_an_error(tmp_path):

@@ -3,8 +3,9 @@
 import numpy as np
 import torch
 
+from talkingeyes.models.layers.numpy_point_process import SamplerState
 from talkingeyes.models.layers.point_process import EventSequence, PointProcess, PointProcessSettings
-from talkingeyes.models.layers.point_process_sampler import SamplerState, sample_events
+from talkingeyes.models.layers.point_process_sampler import sample_events
 from talkingeyes.models.layers.previous_steps import encode_step, previous_step_encodings
 from talkingeyes.models.layers.revisit_mixture import MASKED_LOGIT, PreviousLocations, RevisitMixture
 

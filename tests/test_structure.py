@@ -127,6 +127,14 @@ def test_the_architecture_page_lists_the_animation_steps(repository):
     assert set(CAUSAL_STEPS) <= set(STEPS)
 
 
+def test_the_graph_of_the_experiments_page_is_that_of_dvc(repository):
+    command = [str(Path(sys.executable).with_name("dvc")), "dag", "--mermaid", "--collapse-foreach-matrix"]
+    drawn = subprocess.run(command, cwd=repository, capture_output=True, text=True, check=True, timeout=60).stdout
+    page = (repository / "docs" / "experiments.md").read_text()
+    (shown,) = re.findall(r"```mermaid\n(.*?)\n```", page, re.DOTALL)
+    assert shown == drawn.strip()
+
+
 def test_dvc_and_experiment_run_the_same(stages, params):
     ours = list(stage_order(params))
     assert list(dict.fromkeys(stage for stage, *_ in ours)) == list(stages)

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from numpy import ndarray
 
@@ -21,22 +21,24 @@ from talkingeyes.animation.context import AnimationContext, sample_seeds
 from talkingeyes.animation.controls import NEUTRAL_FACE, Controls
 from talkingeyes.animation.face import FaceAnimator, find_face_model
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory
+from talkingeyes.animation.inference.loading import load_motion_generator
+from talkingeyes.animation.inference.motion import NumpyMotionGenerator
 from talkingeyes.animation.model_file import open_model
 from talkingeyes.animation.pipeline import animate_sample
 from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
 from talkingeyes.audio.turn_taking import detect_turns
-from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core import rotation
 from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.samples import FaceSamples, Samples
 from talkingeyes.fitting.motion_style import SPEAKERS_FILE, MotionStyle, load_speakers
-from talkingeyes.models.condition.conditioner import ConditioningInputs
+from talkingeyes.models.condition.random_speaker import random_speaker
 from talkingeyes.physiology import blinks
 from talkingeyes.physiology.blinks import BlinkProfile
-from talkingeyes.training.conditioning import pad_or_trim, random_speaker
-from talkingeyes.training.motion_generators import TrainedGenerator, load_generator, required_inputs, training_speakers
+
+if TYPE_CHECKING:
+    from talkingeyes.training.motion_generators import TrainedGenerator
 
 SPEAKER_SEED = 5  # stream of the random training speaker
 DEFAULT_CONTROLS = Controls()
@@ -47,7 +49,7 @@ class Animator:
     """A trained model with its speech encoder, and the model of the face, if there is one."""
 
     encoder: SpeechEncoder
-    generator: TrainedGenerator
+    generator: NumpyMotionGenerator | TrainedGenerator
     fps: float
     # By name: physiological, paper, and corpus (of the corpus that the model was trained on).
     blink_profiles: Mapping[str, BlinkProfile] = field(default_factory=lambda: blinks.PROFILES)
@@ -66,7 +68,7 @@ class Animator:
 
     @classmethod
     def _of_folder(cls, model: Path, face: Path | None) -> Animator:
-        generator = load_generator(model)
+        generator = load_motion_generator(model)
         try:
             embedding = read_json(model / "embedding.json", "JSON file")
             settings = validate_section("embed", EmbedSettings, embedding["settings"])
@@ -85,7 +87,11 @@ class Animator:
     @property
     def persons(self) -> tuple[str, ...]:
         """The speakers that the model can be conditioned on; none if it is unconditional."""
-        return training_speakers(self.generator) if "speaker" in required_inputs(self.generator) else ()
+        if isinstance(self.generator, NumpyMotionGenerator):
+            return self.generator.speakers
+        from talkingeyes.animation.torch_generation import conditioning_speakers
+
+        return conditioning_speakers(self.generator)
 
     def perform(
         self,
@@ -198,15 +204,12 @@ class Animator:
         self, embedding: Float[ndarray, "T C"], sound: Float[ndarray, " N"], seeds: list[int], person: str | None
     ) -> Samples:
         """Sample head and gaze, conditioned on the speaker and the waveform where the model requires them."""
-        conditioning, wanted = ConditioningInputs(), required_inputs(self.generator)
-        if person is not None:
-            conditioning = replace(conditioning, speaker=torch.tensor([self.persons.index(person)]))
-        if "sound" in wanted:
-            if not len(sound):
-                raise InputError("sound: should be given to a model with a waveform encoder, got embedded speech")
-            waveform = pad_or_trim(sound, round(len(embedding) * SAMPLE_RATE / self.fps))
-            conditioning = replace(conditioning, sound=torch.from_numpy(waveform)[None])
-        return self.generator.generate(embedding, seeds, self.fps, conditioning)
+        index = None if person is None else self.persons.index(person)
+        if isinstance(self.generator, NumpyMotionGenerator):
+            return self.generator.generate(embedding, seeds, self.fps, index)
+        from talkingeyes.animation.torch_generation import sample_motion
+
+        return sample_motion(self.generator, embedding, sound, seeds, self.fps, index)
 
     def _faces(
         self,

@@ -19,12 +19,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 from scipy.interpolate import PchipInterpolator
 
+from talkingeyes.animation.inference.face import NumpyFaceGenerator
+from talkingeyes.animation.inference.loading import load_face_model
 from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
 from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
@@ -34,9 +37,12 @@ from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.posing import expression_shape_names
 from talkingeyes.models.face.basis import FaceBasis
-from talkingeyes.models.face.style import FaceStyle, StyleKey
+from talkingeyes.models.face.style import STYLE_FADE_S, FaceStyle, StyleKey
 from talkingeyes.physiology.face import EMOTION_EXPRESSIONS, INTENSITY_STRENGTH
-from talkingeyes.training.face_generators import STYLE_FADE_S, TrainedFaceGenerator, is_face_model, load_face_generator
+from talkingeyes.training.model_folder import is_face_model
+
+if TYPE_CHECKING:
+    from talkingeyes.training.face_generators import TrainedFaceGenerator
 
 FACE_MODEL_FOLDER = "probtalk3d"
 AROUND_EYES = ("eyeSquint", "eyeWide")
@@ -48,7 +54,7 @@ SEED_STREAM = 4  # random stream of the face among those of a sample
 class FaceAnimator:
     """A trained face model with its speech encoder."""
 
-    generator: TrainedFaceGenerator
+    generator: NumpyFaceGenerator | TrainedFaceGenerator
     encoder: SpeechEncoder
 
     @classmethod
@@ -60,7 +66,7 @@ class FaceAnimator:
         if not is_face_model(folder):
             raise InputError(f"{folder}: should be a face model, such as probtalk3d, got another model")
         head = anny_head()
-        generator = load_face_generator(folder, FaceBasis(head.name, expression_shape_names(head)))
+        generator = load_face_model(folder, FaceBasis(head.name, expression_shape_names(head)))
         try:
             content = read_json(folder / "embedding.json", "JSON file")
             own = validate_section("embed", EmbedSettings, content["settings"])

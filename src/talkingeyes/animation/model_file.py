@@ -118,7 +118,7 @@ def read_packed_metadata(path: Path) -> PackedMetadata:
 
 def _unpack(path: Path, packed: PackedMetadata, place: Path) -> Path:
     """Write the folders of a packed model; returns the first."""
-    from safetensors.torch import load_file, save_file
+    from safetensors.numpy import load_file, save_file
 
     tensors: dict[str, dict[str, Any]] = {}
     for key, tensor in load_file(path).items():

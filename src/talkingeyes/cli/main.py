@@ -54,6 +54,10 @@ def _run() -> None:
         where = context.command_path if context else "talkingeyes"
         said = error.format_message() if hasattr(error, "format_message") else str(error)
         raise InputError(f"{said.rstrip('.')} (see `{where} --help`)") from None
+    except ModuleNotFoundError as error:
+        if error.name != "torch":  # the only library that a command of the base installation can lack
+            raise
+        raise InputError("torch: should be installed for this (pip install 'talkingeyes[torch]'), got none") from None
     except typer.Abort:
         raise KeyboardInterrupt from None
     if status:

@@ -1,4 +1,4 @@
-"""Posing a head in torch: blend shapes, then linear blend skinning over five joints; batched and differentiable.
+"""Posing a head: blend shapes, then linear blend skinning over five joints. With gradients: torch_skinning.py.
 
     v = LBS(template + identity + expression + correctives (R - I), joints, weights)    FLAME (Li et al. 2017), eq. 2
 
@@ -8,86 +8,43 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from numpy import ndarray
-from torch import Tensor
 
+from talkingeyes.core.rotation import rotvec_to_matrix
 from talkingeyes.head.model import PARENTS, HeadModel
 from talkingeyes.head.posing import Pose
 
 
-def pose_vertices(
-    model: HeadModel,
-    expression: Float[Tensor, "B E"],
-    head: Float[Tensor, "B 3"],
-    jaw: Float[Tensor, "B 3"],
-    gaze: Float[Tensor, "B 2 3"],
-    translation: Float[Tensor, "B 3"],
-    identity: Float[Tensor, "B I"] | None = None,
-) -> Float[Tensor, "B V 3"]:
-    """Vertices of poses; `expression` are weights of all shapes, including lids and jaw (`posing.motion_to_pose`)."""
-    joint_rotations = rotation_matrices(
-        torch.cat([torch.zeros_like(head)[:, None], head[:, None], jaw[:, None], gaze], dim=1)
-    )
-    rest = add_blend_shapes(_tensor(model.template, head), _tensor(model.expression, head), expression)
-    joints = _tensor(model.joints, head).expand(len(head), 5, 3)
-    if identity is not None:
-        rest = add_blend_shapes(rest, _tensor(model.identity, head), identity)
-        joints = add_blend_shapes(joints, _tensor(model.identity_joints, head), identity)
-    if len(model.correctives):
-        bent = (joint_rotations[:, 1:] - torch.eye(3, dtype=head.dtype, device=head.device)).flatten(1)
-        rest = add_blend_shapes(rest, _tensor(model.correctives, head), bent)
-    return linear_blend_skinning(rest, joints, joint_rotations, _tensor(model.weights, head)) + translation[:, None]
-
-
 def posed_vertices(model: HeadModel, pose: Pose) -> Float[ndarray, "T V 3"]:
-    """`pose_vertices` for arrays, in single precision."""
-    with torch.no_grad():
-        arrays = (pose.expression, pose.head, pose.jaw, pose.gaze, pose.translation)
-        return np.asarray(pose_vertices(model, *(torch.from_numpy(array.astype(np.float32)) for array in arrays)))
+    """Vertices of poses, in single precision."""
+    frames, root = len(pose.head), np.zeros((len(pose.head), 1, 3))
+    vectors = np.concatenate([root, pose.head[:, None], pose.jaw[:, None], pose.gaze], axis=1)
+    rotations = rotvec_to_matrix(vectors).astype(np.float32)
+    rest = model.template + _shaped(pose.expression, model.expression)
+    if len(model.correctives):
+        rest += _shaped((rotations[:, 1:] - np.eye(3, dtype=np.float32)).reshape(frames, -1), model.correctives)
+    # A row per entry of the transforms and a column per vertex: products of small matrices are slow in numpy.
+    transforms = _joint_transforms(model, rotations).reshape(frames, len(PARENTS), 12).swapaxes(1, 2)
+    blend = (transforms @ model.weights.T.astype(np.float32)).reshape(frames, 3, 4, -1)
+    x, y, z = np.moveaxis(rest, 2, 0)[:, :, None]
+    moved = blend[:, :, 0] * x + blend[:, :, 1] * y + blend[:, :, 2] * z + blend[:, :, 3]
+    return np.ascontiguousarray((moved + pose.translation[..., None].astype(np.float32)).swapaxes(1, 2))
 
 
-def add_blend_shapes(
-    rest: Float[Tensor, "*B V 3"], shapes: Float[Tensor, "K V 3"], amounts: Float[Tensor, "B K"]
-) -> Float[Tensor, "B V 3"]:
-    """Add weighted shapes to `rest`."""
-    moved: Tensor = (amounts @ shapes.flatten(1)).unflatten(1, shapes.shape[1:])
-    return rest + moved
+def _shaped(amounts: Float[ndarray, "T K"], shapes: Float[ndarray, "K V 3"]) -> Float[ndarray, "T V 3"]:
+    """Weighted sums of shapes."""
+    moved = amounts.astype(np.float32) @ shapes.reshape(len(shapes), -1).astype(np.float32)
+    return np.asarray(moved.reshape(len(amounts), *shapes.shape[1:]))
 
 
-def linear_blend_skinning(
-    rest: Float[Tensor, "B V 3"],
-    joints: Float[Tensor, "B 5 3"],
-    joint_rotations: Float[Tensor, "B 5 3 3"],
-    weights: Float[Tensor, "V 5"],
-) -> Float[Tensor, "B V 3"]:
-    """Linear blend skinning: transform each vertex by the weighted mean of its joints' transforms."""
-    turned, moved = [joint_rotations[:, 0]], [joints[:, 0]]
+def _joint_transforms(model: HeadModel, rotations: Float[ndarray, "T 5 3 3"]) -> Float[ndarray, "T 5 3 4"]:
+    """Rotation and shift of what each joint carries."""
+    joints = model.joints.astype(np.float32)
+    turned, moved = [rotations[:, 0]], [np.broadcast_to(joints[0], (len(rotations), 3))]
     for joint, parent in list(enumerate(PARENTS))[1:]:
-        offset = joints[:, joint] - joints[:, parent]
-        moved.append(moved[parent] + (turned[parent] @ offset[..., None])[..., 0])
-        turned.append(turned[parent] @ joint_rotations[:, joint])
-    turn = torch.stack(turned, dim=1)
-    shift = torch.stack(moved, dim=1) - (turn @ joints[..., None])[..., 0]
-    blend = torch.einsum("vj,bjk->bvk", weights, torch.cat([turn.flatten(2), shift], dim=2))
-    turned_vertices: Tensor = (blend[..., :9].unflatten(-1, (3, 3)) @ rest[..., None])[..., 0]
-    return turned_vertices + blend[..., 9:]
-
-
-def rotation_matrices(vectors: Float[Tensor, "*N 3"]) -> Float[Tensor, "*N 3 3"]:
-    """Rotation vectors to matrices (Rodrigues), smooth at zero."""
-    squared = vectors.square().sum(-1)[..., None, None].clamp_min(1e-12)
-    angle = squared.sqrt()
-    x, y, z = vectors.unbind(-1)
-    none = torch.zeros_like(x)
-    cross = torch.stack([none, -z, y, z, none, -x, -y, x, none], dim=-1).unflatten(-1, (3, 3))
-    sine, versine = angle.sin() / angle, (1 - angle.cos()) / squared
-    matrices: Tensor = torch.eye(3, dtype=vectors.dtype, device=vectors.device) + sine * cross
-    second: Tensor = versine * (cross @ cross)
-    return matrices + second
-
-
-def _tensor(array: Float[ndarray, "*N"], like: Tensor) -> Tensor:
-    """A model array with the precision and device of the pose; on the CPU without a copy."""
-    return torch.from_numpy(array).to(like)
+        moved.append(moved[parent] + turned[parent] @ (joints[joint] - joints[parent]))
+        turned.append(turned[parent] @ rotations[:, joint])
+    turn = np.stack(turned, axis=1)
+    shift = np.stack(moved, axis=1) - (turn @ joints[..., None])[..., 0]
+    return np.concatenate([turn, shift[..., None]], axis=-1)

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from talkingeyes.core.errors import InputError
+from talkingeyes.core.progress import progress_bar
 from talkingeyes.core.settings import Settings, validate_section
 from talkingeyes.orchestration.mlflow_logging import MethodResult, Report, log_run
 
@@ -35,7 +36,6 @@ __all__ = [
     "main",
     "parallel_backend",
     "parallel_map",
-    "progress_bar",
     "run_command",
     "run_stage",
 ]
@@ -182,14 +182,6 @@ def _cluster(machine: Mapping[str, Any]) -> dict[str, Any]:
         return {"address": machine["ray_address"], "log_to_driver": False}
     size = {"num_cpus": int(machine["jobs"])}
     return {**size, "include_dashboard": False, "log_to_driver": False, "_node_ip_address": "127.0.0.1"}
-
-
-def progress_bar(items: Iterable[A], title: str, total: int | None = None) -> Iterable[A]:
-    """The progress bar of everything that takes longer than a few seconds."""
-    from tqdm import tqdm
-
-    bar: Iterable[A] = tqdm(items, desc=title, total=total, mininterval=0.5, file=sys.stderr)
-    return bar
 
 
 def configure_environment() -> None:

@@ -23,6 +23,7 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.recordings import Recording
 from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.models.condition.conditioner import ConditioningInputs, InputName
+from talkingeyes.models.condition.random_speaker import random_speaker
 from talkingeyes.models.gaze.gaze_signal import mirror_motion
 
 WindowInputs = Mapping[str, ndarray]
@@ -131,11 +132,6 @@ class ConditioningProvider:
 def speaker_index(speakers: Sequence[str], name: str, seed_text: str) -> int:
     """Index of a speaker; for an unseen speaker, that of a random training speaker, seeded by a text."""
     return list(speakers).index(name) if name in speakers else random_speaker(speakers, list(seed_text.encode()))
-
-
-def random_speaker(speakers: Sequence[str], seeds: Sequence[int]) -> int:
-    """Index of a random training speaker."""
-    return int(np.random.default_rng(seeds).integers(len(speakers)))
 
 
 def pad_or_trim(sound: Float[ndarray, " N"], count: int) -> Float[ndarray, " M"]:

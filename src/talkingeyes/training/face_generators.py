@@ -15,20 +15,17 @@ import torch
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.models import baselines
 from talkingeyes.models.baselines import BaselineSettings, MotionBank
 from talkingeyes.models.face.basis import JAW_DIM, FaceBasis
-from talkingeyes.models.face.style import StyleKey, StyleVocabulary
+from talkingeyes.models.face.style import STYLE_FADE_S, StyleKey, StyleVocabulary
 from talkingeyes.models.speech_to_face import SpeechToFace
 from talkingeyes.training.checkpoint import Checkpoint, build_network, load, save
 from talkingeyes.training.face_task import FaceData, FaceTaskSettings
 from talkingeyes.training.face_tokenizer import FaceTokenizer, build_face_tokenizer
-
-STYLE_FADE_S = 0.5  # crossfade of style changes within a clip
 
 
 @runtime_checkable
@@ -105,14 +102,6 @@ def save_face_baseline(folder: Path, settings: BaselineSettings, bank: MotionBan
         "speakers": list(data.vocabulary.speakers),
     }
     save(folder, {k: torch.from_numpy(np.asarray(v)) for k, v in arrays.items()}, config)
-
-
-def is_face_model(folder: Path) -> bool:
-    """Whether a folder of the train stage holds a face model. Raises InputError if it holds no model."""
-    try:
-        return "face" in read_json(folder / "config.json", "JSON file")["model"]["parts"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{folder}: not a trained model ({error!r}); `make repro` trains one") from None
 
 
 def load_face_generator(folder: Path, head: FaceBasis | None = None) -> TrainedFaceGenerator:

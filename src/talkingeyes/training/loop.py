@@ -16,8 +16,8 @@ import numpy as np
 import torch
 from pydantic import Field
 from torch import Tensor, nn
-from tqdm import tqdm
 
+from talkingeyes.core.progress import progress_bar
 from talkingeyes.core.settings import Settings
 from talkingeyes.models.layers import distributed
 from talkingeyes.training.execution import CPU_CONTEXT, ExecutionContext
@@ -102,7 +102,7 @@ def train(
         on_validation(int(row["step"]), _metrics(row))  # type: ignore[misc]
     sums: dict[str, float] = {}
     steps = range(state.step + 1, settings.steps + 1)
-    bar = tqdm(steps, title, initial=state.step, total=settings.steps, mininterval=1.0, disable=not context.is_main)
+    bar = progress_bar(steps, title, settings.steps, initial=state.step, disable=not context.is_main)
     for step in bar:
         module.train()
         with context.autocast():

@@ -27,7 +27,8 @@ from talkingeyes.animation.model_file import find_model
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core import output_folder
 from talkingeyes.core.errors import InputError
-from talkingeyes.orchestration.run import code_digest, progress_bar
+from talkingeyes.core.progress import progress_bar
+from talkingeyes.orchestration.run import code_digest
 from talkingeyes.workflows import convert
 
 if TYPE_CHECKING:

@@ -211,9 +211,9 @@ def import_files(
     `fps` is for files without a frame rate, `mapping` a key map; `eyes` is as for `export`, by default what the format
     usually holds; without `expression`, the face is dropped.
     """
+    from talkingeyes.core.progress import progress_bar
     from talkingeyes.formats.readers.key_map import load_key_map
     from talkingeyes.formats.readers.read_motion import read_motion
-    from talkingeyes.orchestration.run import progress_bar
 
     found = _sources([Path(file) for file in files])
     single = Path(out).suffix == ".npz"

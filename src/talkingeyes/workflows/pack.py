@@ -10,16 +10,16 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy import ndarray
 
 from talkingeyes.animation.face import find_face_model
 from talkingeyes.animation.model_file import METADATA_KEY, SCHEMA, SUFFIX, encoder_identity
 from talkingeyes.core.containers import parse_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.workflows.render import check_output_file
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 NOT_PACKED = ("SHA256SUMS", "history.json")  # checksums of the folder and history of the training
 
@@ -48,7 +48,7 @@ def pack(
 
     Raises InputError (one line) for a folder without a trained model.
     """
-    from safetensors.torch import save
+    from safetensors.numpy import save
 
     from talkingeyes.core.atomic_file import atomic_write
 
@@ -59,7 +59,7 @@ def pack(
     names = [folder.resolve().name for folder in folders]
     if not names or len(set(names)) < len(names):
         raise InputError(f"models: should be folders of different names, got {', '.join(names) or 'none'}")
-    tensors: dict[str, Tensor] = {}
+    tensors: dict[str, ndarray] = {}
     files: dict[str, str] = {}
     for name, folder in zip(names, folders, strict=True):
         _check(folder)
@@ -88,18 +88,20 @@ def _check(folder: Path) -> None:
         )
 
 
-def _tensors(path: Path, half_precision: bool) -> dict[str, Tensor]:
+def _tensors(path: Path, half_precision: bool) -> dict[str, ndarray]:
     import safetensors
-    from safetensors.torch import load_file
+    from safetensors.numpy import load_file
 
     try:
-        tensors: dict[str, Tensor] = load_file(path)
+        tensors: dict[str, ndarray] = load_file(path)
     except (OSError, ValueError, safetensors.SafetensorError) as error:
         raise InputError(f"{path}: not a readable file of weights ({error}); `make repro` recreates it") from None
     if not half_precision:
         return tensors
     # Vectors (biases, statistics of the data) are small and keep their precision.
-    return {key: each.half() if each.is_floating_point() and each.ndim > 1 else each for key, each in tensors.items()}
+    return {
+        key: each.astype(np.half) if each.dtype.kind == "f" and each.ndim > 1 else each for key, each in tensors.items()
+    }
 
 
 def _text(path: Path) -> str:

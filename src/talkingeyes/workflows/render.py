@@ -78,7 +78,7 @@ def film(
 ) -> Motion:
     """Render a motion on a head as a video; returns the motion retargeted to the head."""
     from talkingeyes.audio.waveform import read_speech
-    from talkingeyes.orchestration.run import progress_bar
+    from talkingeyes.core.progress import progress_bar
     from talkingeyes.rendering.render import HeadRenderer
     from talkingeyes.rendering.video import write_video
 

@@ -14,6 +14,7 @@ COLUMNS = (
     ("Corr. eyes", "gaze", "corr"),
     ("Corr. head", "head", "corr"),
 )
+FACE_METRICS = (("face_mve_mm", "face", "mve"), ("face_lve_mm", "face", "lve"))
 MET = "requirements met"
 MAX_MISSED = 4
 
@@ -47,6 +48,14 @@ def report_summary(
             "",
         ]
     )
+
+
+def row_metrics(row: MethodMetrics, required: Sequence[Requirement]) -> dict[str, float]:
+    """The figures of the summary of one row, which `dvc metrics show` prints as a line."""
+    named = [*((f"{part}_{name}", part, name) for _, part, name in COLUMNS), *FACE_METRICS]
+    found = {title: metric(row, SPLIT, part, name) for title, part, name in named}
+    met = {"requirements_met": float(count_met(required))} if required else {}
+    return {title: round(each["value"], 4) for title, each in found.items() if each} | met
 
 
 def _figures(row: MethodMetrics) -> list[str]:

@@ -21,6 +21,7 @@ from talkingeyes.physiology.face import EMOTION_EXPRESSIONS
 EMOTIONS = tuple(EMOTION_EXPRESSIONS)
 INTENSITIES = (1, 2, 3)
 NEUTRAL = "neutral"
+STYLE_FADE_S = 0.5  # crossfade of style changes within a clip
 StyleInput = Literal["speaker", "emotion", "intensity"]
 
 

@@ -20,13 +20,14 @@ from torch import Tensor, nn
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models.gaze.gaze_signal import find_stays, to_gaze_tensor, to_signal_tensor
-from talkingeyes.models.gaze.generator import SEED_OFFSET, GazeCondition, uniform_noise
+from talkingeyes.models.gaze.generator import GazeCondition, uniform_noise
 from talkingeyes.models.gaze.history import (
     CodeHistorySettings,
     NoisyTeacherForcing,
     ScheduledSampling,
     replacement_mask,
 )
+from talkingeyes.models.gaze.saccade_rendering import SEED_OFFSET
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.categorical_sampling import sample_categorical
 from talkingeyes.models.layers.nucleus import top_p_filter

@@ -15,6 +15,7 @@ from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
 
 from talkingeyes.core.settings import ComponentRegistry, ComponentSettings
+from talkingeyes.models.gaze.saccade_rendering import SEED_OFFSET
 
 GAZE_GENERATORS = ComponentRegistry(
     "gaze generator",
@@ -27,9 +28,6 @@ GAZE_GENERATORS = ComponentRegistry(
     ("normalise_by", "loss_terms", "sample"),
 )
 GazeComponentSettings = Annotated[SerializeAsAny[ComponentSettings], BeforeValidator(GAZE_GENERATORS.parse)]
-
-# Offset of the seed of gaze, so that gaze does not reuse the random numbers of the head.
-SEED_OFFSET = 1_000_003
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ from torch import Tensor, nn
 
 from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.gaze.generator import SEED_OFFSET, GazeCondition
+from talkingeyes.models.gaze.generator import GazeCondition
+from talkingeyes.models.gaze.saccade_rendering import SEED_OFFSET
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
 

@@ -13,24 +13,18 @@ from typing import Annotated, Literal
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
-from numpy import ndarray
 from pydantic import Field, model_validator
-from scipy.interpolate import CubicHermiteSpline
 from torch import Tensor, nn
 
 from talkingeyes.core.settings import ComponentSettings, bounds_error
 from talkingeyes.models.head.generator import HeadPrediction
+from talkingeyes.models.head.pose_interpolation import EXTRA_BINS, interpolate_poses
 from talkingeyes.models.layers.equaliser import Equaliser
 from talkingeyes.models.layers.normaliser import MotionNormaliser
 from talkingeyes.models.layers.point_process import EventSequence, PointProcess, PointProcessSettings, bin_means
 from talkingeyes.models.layers.point_process_sampler import sample_events
 
 POSE_SPREAD = (1.0, 1.0, 0.6)
-# Bins sampled beyond the end, so that the last frames lie between two events.
-EXTRA_BINS = 12
-# Fraction of the mean velocity of the two adjacent segments that remains at a speed minimum. With 1, or with a spline,
-# heads are smoother than those of people (velocity above 1.8 Hz, slope of the spectrum). Chosen on val (docs/log.md).
-VELOCITY_RETENTION = 0.4
 
 
 class PointProcessHeadSettings(ComponentSettings):
@@ -90,25 +84,3 @@ def speed_minima(head: Float[Tensor, "B T 3"]) -> Bool[Tensor, "B T"]:
     speed = head.diff(dim=1).norm(dim=-1)
     lower = (speed[:, 1:-1] < speed[:, :-2]) & (speed[:, 1:-1] <= speed[:, 2:])
     return torch.nn.functional.pad(lower, (1, head.shape[1] - 1 - lower.shape[1]))
-
-
-def interpolate_poses(
-    event: Bool[ndarray, "B N"], location: Float[ndarray, "B N 3"], bin_frames: int
-) -> Float[ndarray, "B T 3"]:
-    """Frames of N bins: Hermite cubics between events. The first bin must hold an event.
-
-    `location` holds the pose since the last event. Events lie at the centres of their bins: at random times, two could
-    come close together, and their difference would be a jerk. All rows are concatenated into one curve, because
-    building a curve costs more than evaluating it.
-    """
-    event = event.copy()
-    event[:, -1] = True  # the last bin repeats the last pose
-    row, index = np.nonzero(event)
-    frames = event.shape[1] * bin_frames
-    knot, pose = row * frames + index * bin_frames + (bin_frames - 1) / 2, location[row, index].astype(float)
-    velocity = np.zeros_like(pose)
-    velocity[1:-1] = VELOCITY_RETENTION * (pose[2:] - pose[:-2]) / (knot[2:] - knot[:-2])[:, None]
-    velocity[(index == 0) | (index == event.shape[1] - 1)] = 0  # a row starts and ends at rest
-    time = np.arange(frames).clip((bin_frames - 1) / 2, frames - 1 - (bin_frames - 1) / 2)
-    curve = CubicHermiteSpline(knot, pose, velocity)
-    return np.asarray(curve(np.arange(len(event))[:, None] * frames + time))

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from numpy import ndarray
 from torch import Tensor, nn
 
-from talkingeyes.models.layers.numpy_layers import NumpyCausalConv, NumpyLayerNorm, NumpyLinear, gelu
+from talkingeyes.models.layers.numpy_layers import NumpyCausalConv, NumpyLayerNorm, NumpyLinear, module_tensors
+
+
+def torch_gelu(x: Float[ndarray, "*N"]) -> Float[ndarray, "*N"]:
+    """GELU of an array by torch."""
+    return F.gelu(torch.from_numpy(x)).numpy()
 
 
 class ConvolutionStack(nn.Module):
@@ -64,13 +70,16 @@ class ConvolutionStream:
     """Causal convolutions that process a sequence part by part."""
 
     def __init__(self, stack: CausalConvolutionStack) -> None:
-        self._enter = NumpyLinear(stack.input_projection)
-        pairs = zip(stack.norms, stack.convolutions, strict=True)
-        self._layers = [(NumpyLayerNorm(norm), NumpyCausalConv(each)) for norm, each in pairs]  # type: ignore[arg-type]
+        tensors = module_tensors(stack)
+        self._enter = NumpyLinear(tensors, "input_projection")
+        self._layers = [
+            (NumpyLayerNorm(tensors, f"norms.{layer}"), NumpyCausalConv(tensors, f"convolutions.{layer}", 2**layer))
+            for layer in range(len(stack.norms))
+        ]
 
     def step(self, x: Float[ndarray, "T C"]) -> Float[ndarray, "T W"]:
         """Features of the next frames, delayed by `lookahead` frames."""
         h = self._enter(x)
         for norm, convolution in self._layers:
-            h = h + convolution(gelu(norm(h)))
+            h = h + convolution(torch_gelu(norm(h)))
         return h

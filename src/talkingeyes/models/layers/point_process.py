@@ -26,6 +26,7 @@ from torch import Tensor, nn
 from talkingeyes.core.settings import Settings, bounds_error
 from talkingeyes.models.layers.convolution import CausalConvolutionStack, ConvolutionStack
 from talkingeyes.models.layers.mixture_centres import MIXTURE_CENTRES, MixtureCentresKind
+from talkingeyes.models.layers.numpy_point_process import MAX_LOG_SCALE, MAX_LOG_SD, MIN_LOG_SD, MIN_VARIANCE_RATIO
 from talkingeyes.models.layers.previous_steps import previous_step_encodings
 from talkingeyes.models.layers.revisit_mixture import PreviousLocations, RevisitMixture
 
@@ -34,8 +35,6 @@ INITIAL_AR_COEFFICIENTS = (0.4, 1.0)  # from the strongest pull to the centre to
 # Initial standard deviations, in units of the spread. One absolute component starts wide: rare locations on all sides
 # have no other component near them that could learn them (docs/log.md).
 INITIAL_SD, INITIAL_BACKGROUND_SD = 0.2, 1.5
-MIN_LOG_SD, MAX_LOG_SD = -5.0, 1.0
-MIN_VARIANCE_RATIO = 0.05  # lower bound of denoised to learned variance
 
 
 class PointProcessSettings(Settings):
@@ -124,7 +123,6 @@ class _Mixture:
 class PointProcess(nn.Module):
     """Hazard and location of events of D dimensions, given a condition of C numbers per bin."""
 
-    max_log_scale = 2.5  # bound on the adaptive scale of the relative components
     observation_noise: Tensor
 
     def __init__(self, settings: PointProcessSettings, condition: int, spread: tuple[float, ...]) -> None:
@@ -271,7 +269,7 @@ class PointProcess(nn.Module):
         wide = log_sd[self.settings.absolute_components :]
         if self.shift_and_scale is not None:
             adapted = self.shift_and_scale(features)[..., None, :]
-            log_size = adapted[..., -1:].clamp(-self.max_log_scale, self.max_log_scale)
+            log_size = adapted[..., -1:].clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE)
             near, wide = adapted[..., :-1] + log_size.exp() * near, log_size + wide
         near = near + self.ar_coefficients * location[..., None, :]
         sds = [

@@ -1,82 +1,31 @@
-"""Free-running sampler of a point process (point_process.py), in numpy.
-
-Every event changes the distribution of the next, so sampling is a loop of small steps, in which a call of torch costs
-more than its arithmetic. In numpy, sampling takes a fraction of the time (docs/log.md). The formulas are those of
-training; tests/test_point_process_sampler.py compares each sample with them.
-"""
+"""Sampling of a torch point process (point_process.py) by the numpy sampler (numpy_point_process.py)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
-from numpy import ndarray
-from scipy.special import expit, ndtri
+from jaxtyping import Float
 from torch import Tensor
 
-from talkingeyes.models.layers.categorical_sampling import sample_categorical
-from talkingeyes.models.layers.numpy_layers import NumpyGRU, NumpyLinear, gelu, to_numpy
+from talkingeyes.models.layers.convolution import torch_gelu
+from talkingeyes.models.layers.numpy_layers import module_tensors, to_numpy
+from talkingeyes.models.layers.numpy_point_process import SampledEvents, Sampler, SamplerWeights
 from talkingeyes.models.layers.point_process import PointProcess
-from talkingeyes.models.layers.previous_steps import MIN_STEP
-from talkingeyes.models.layers.revisit_mixture import MASKED_LOGIT
-
-# Maximum number of bins evaluated together, absolute and in mean gaps between events (about 3 bins for heads, 12 for
-# gaze).
-MAX_BLOCK_BINS, BLOCK_MEAN_GAPS = 16, 2.0
 
 
-@dataclass(frozen=True)
-class SampledEvents:
-    """Samples of N bins: whether there is an event, its phase within the bin (0 to 1), and the location since then."""
-
-    event: Bool[ndarray, "B N"]
-    phase: Float[ndarray, "B N"]
-    location: Float[ndarray, "B N D"]
-
-
-@dataclass
-class SamplerState:
-    """State between two bins: the state of the RNN, the present location, the encodings of the last S steps, the bins
-    since the last event, and the last R locations."""
-
-    state: Float[ndarray, "B W"]
-    location: Float[ndarray, "B D"]
-    longest_dwell_location: Float[
-        ndarray, "B D"
-    ]  # the previous location of the longest dwell; the present one if there is none
-    step_encodings: Float[ndarray, "B S H"]
-    age: Int[ndarray, " B"]
-    previous_locations: Float[ndarray, "B R D"]
-    dwell_bins: Float[ndarray, "B R"]  # 0: no previous location
-
-    def move_to(self, rows: Int[ndarray, " S"], location: Float[ndarray, "S D"]) -> None:
-        """Move some rows to a new location; the oldest previous location is dropped."""
-        old, age = self.location[rows], self.age[rows]
-        if self.step_encodings.shape[1]:
-            step = np.where(age[:, None] > 0, location - old, 0)  # no step leads to the first location
-            self.step_encodings[rows] = _prepend(_encode_step(step), self.step_encodings[rows])
-        self.previous_locations[rows] = previous_locations = _prepend(old, self.previous_locations[rows])
-        self.dwell_bins[rows] = dwell_bins = _prepend(age.astype(np.float32), self.dwell_bins[rows])
-        longest = dwell_bins.argmax(-1)
-        order = np.arange(len(rows))
-        self.longest_dwell_location[rows] = np.where(
-            dwell_bins[order, longest][:, None] > 0, previous_locations[order, longest], location
-        )
-        self.location[rows] = location
-        self.age[rows] = 0
-
-
-def _encode_step(step: Float[ndarray, "S D"]) -> Float[ndarray, "S H"]:
-    """The numpy version of `encode_step` in previous_steps.py."""
-    length = np.sqrt(np.einsum("sd,sd->s", step, step))[:, None] + np.float32(MIN_STEP)
-    return np.concatenate([step / length, np.log(length)], axis=1)
-
-
-def _prepend(new: Float[ndarray, "S ..."], past: Float[ndarray, "S R ..."]) -> Float[ndarray, "S R ..."]:
-    """Insert the new entry first and drop the oldest."""
-    return np.concatenate([new[:, None], past[:, :-1]], axis=1)
+def make_sampler(process: PointProcess, temperature: float) -> Sampler:
+    """A sampler with the current weights of a process."""
+    settings = process.settings
+    sds, return_sd = map(to_numpy, process.denoised_sds())
+    weights = SamplerWeights(
+        module_tensors(process),
+        to_numpy(process.means()),
+        sds,
+        return_sd,
+        settings.absolute_components,
+        settings.previous_steps,
+        settings.previous_locations,
+    )
+    return Sampler(weights, temperature, torch_gelu)
 
 
 @torch.no_grad()
@@ -85,182 +34,4 @@ def sample_events(
 ) -> SampledEvents:
     """Sample events from D + 3 uniform numbers per bin, for one condition per row or one for all rows."""
     encoded_condition = process.condition_encoder(condition).cpu().numpy()
-    return Sampler(process, temperature).sample(encoded_condition, uniform.cpu().numpy())
-
-
-class Sampler:
-    """Weights of a process for free running. Samples are determined by D + 3 uniform numbers per bin."""
-
-    def __init__(self, process: PointProcess, temperature: float) -> None:
-        """`temperature` scales the mixture logits and the Gaussians."""
-        self.means, ar_coefficients = to_numpy(process.means()), to_numpy(process.ar_coefficients)
-        width, (count, numbers) = process.settings.width, self.means.shape
-        self.ar_coefficients = np.concatenate(
-            [np.zeros((count - len(ar_coefficients), numbers), np.float32), ar_coefficients]
-        )
-        self.temperature, self.previous_locations = temperature, process.settings.previous_locations
-        self.start, self.age, self.recency = (
-            to_numpy(process.start),
-            to_numpy(process.age.weight),
-            to_numpy(process.revisits.recency),
-        )
-        input_projection, self.input_bias = (
-            to_numpy(process.input_projection.weight).T.copy(),
-            to_numpy(process.input_projection.bias),
-        )
-        self.condition_weight, self.history_weight = input_projection[:width], input_projection[width:]
-        self.previous_steps, self.absolute_components = (
-            process.settings.previous_steps,
-            process.settings.absolute_components,
-        )
-        self.shift_and_scale = NumpyLinear(process.shift_and_scale) if process.shift_and_scale is not None else None
-        self.max_log_scale = process.max_log_scale
-        self.trunk = NumpyLinear(process.trunk[2])  # type: ignore[arg-type]
-        self.hazard, self.mixture_logits = NumpyLinear(process.hazard), NumpyLinear(process.mixture_logits)
-        self.history_rnn = NumpyGRU(process.token, process.history_rnn)
-        of = process.revisits
-        self.candidate, self.known, self.score = NumpyLinear(of.candidate), NumpyLinear(of.known), NumpyLinear(of.score)
-        self.sds, self.return_sd = map(to_numpy, process.denoised_sds())
-
-    def sample(self, encoded_condition: Float[ndarray, "_ N W"], uniform: Float[ndarray, "B N U"]) -> SampledEvents:
-        """Sample all bins, from event to event; one condition for all rows or one per row.
-
-        Between two events, the hazard depends only on the condition and the age, so several bins are evaluated
-        together. The result equals that of `begin` and `advance`.
-        """
-        # Beyond the last bin the condition is zero and no event can happen.
-        entered = np.pad(encoded_condition @ self.condition_weight, ((0, 0), (0, MAX_BLOCK_BINS), (0, 0)))
-        least = np.pad(uniform[..., 0], ((0, 0), (0, MAX_BLOCK_BINS)), constant_values=2.0)
-        batch, count = uniform.shape[:2]
-        encoded_condition, entered = (
-            np.broadcast_to(each, (batch, *each.shape[1:])) for each in (encoded_condition, entered)
-        )
-        run = self.begin(encoded_condition[:, 0], uniform[:, 0])
-        event, location = np.zeros((batch, count), bool), np.zeros((batch, count, run.location.shape[1]), np.float32)
-        event[:, 0], location[:, 0] = True, run.location
-        at = np.zeros(batch, int)  # last sampled bin of each row
-        block_bins, events = MAX_BLOCK_BINS, 0
-        while len(rows := np.flatnonzero(at < count - 1)):
-            ahead = np.arange(1, block_bins + 1)
-            bins = at[rows, None] + ahead
-            features = self._features(run, rows, entered[rows[:, None], bins], run.age[rows, None] + ahead)
-            happens = least[rows[:, None], bins] < self._hazard(features)
-            moved = happens.any(1)
-            first = np.where(moved, happens.argmax(1), block_bins - 1)
-            at[rows] += first + 1
-            run.age[rows] += first + 1
-            if len(new := rows[moved]):
-                where = at[new]
-                self._move(
-                    run, new, features[moved, first[moved]], encoded_condition[new, where], uniform[new, where, 2:]
-                )
-                event[new, where], location[new, where] = True, run.location[new]
-                events += len(new)
-                block_bins = min(1 + int(BLOCK_MEAN_GAPS * at.sum() / events), MAX_BLOCK_BINS)
-        since = np.maximum.accumulate(np.where(event, np.arange(count), 0), axis=1)
-        return SampledEvents(event, uniform[..., 1], np.take_along_axis(location, since[..., None], axis=1))
-
-    def begin(self, encoded_condition: Float[ndarray, "B W"], uniform: Float[ndarray, "B U"]) -> SamplerState:
-        """State after the first bin, which always holds an event."""
-        batch, numbers = len(encoded_condition), self.ar_coefficients.shape[1]
-        still = np.repeat(_encode_step(np.zeros((batch, numbers), np.float32))[:, None], self.previous_steps, axis=1)
-        run = SamplerState(
-            np.repeat(self.start[None], batch, axis=0),
-            np.zeros((batch, numbers), np.float32),
-            np.zeros((batch, numbers), np.float32),
-            still,
-            np.zeros(batch, int),
-            np.zeros((batch, self.previous_locations, numbers), np.float32),
-            np.zeros((batch, self.previous_locations), np.float32),
-        )
-        rows = np.arange(batch)
-        features = self._features(run, rows, (encoded_condition @ self.condition_weight)[:, None], run.age[:, None])[
-            :, 0
-        ]
-        self._move(run, rows, features, encoded_condition, uniform[:, 2:])
-        return run
-
-    def advance(
-        self, run: SamplerState, encoded_condition: Float[ndarray, "B W"], uniform: Float[ndarray, "B U"]
-    ) -> Bool[ndarray, " B"]:
-        """Sample one more bin, as streaming needs it, and update the state. Returns the rows with an event."""
-        run.age += 1
-        every = np.arange(len(encoded_condition))
-        features = self._features(run, every, (encoded_condition @ self.condition_weight)[:, None], run.age[:, None])[
-            :, 0
-        ]
-        event: Bool[ndarray, " B"] = uniform[:, 0] < self._hazard(features)
-        if len(rows := np.flatnonzero(event)):
-            self._move(run, rows, features[rows], encoded_condition[rows], uniform[rows, 2:])
-        return event
-
-    def _features(
-        self, run: SamplerState, rows: Int[ndarray, " S"], entered: Float[ndarray, "S N W"], age: Int[ndarray, "S N"]
-    ) -> Float[ndarray, "S N W"]:
-        """Features of N bins of some rows; `entered` is the projected condition."""
-        location = run.location[rows]
-        step_encodings = run.step_encodings[rows].reshape(len(rows), -1)
-        known = (
-            np.concatenate(
-                [run.state[rows], location, location - run.longest_dwell_location[rows], step_encodings], axis=1
-            )
-            @ self.history_weight
-        )
-        entered = entered + (known + self.input_bias)[:, None] + self.age[np.minimum(age, len(self.age) - 1)]
-        return gelu(self.trunk(gelu(entered)))
-
-    def _hazard(self, features: Float[ndarray, "*N W"]) -> Float[ndarray, "*N"]:
-        return np.asarray(expit(self.hazard(features)[..., 0]))
-
-    def _move(
-        self,
-        run: SamplerState,
-        rows: Int[ndarray, " S"],
-        features: Float[ndarray, "S W"],
-        encoded_condition: Float[ndarray, "S W"],
-        uniform: Float[ndarray, "S U"],
-    ) -> None:
-        """Sample the location of an event in some rows and update their state."""
-        old = run.location[rows]
-        new = self._place(run, rows, features, uniform)
-        since = np.log1p(run.age[rows, None].astype(np.float32))
-        event = np.concatenate([new, new - old, since, encoded_condition], axis=1)
-        run.state[rows] = self.history_rnn(event, run.state[rows])
-        run.move_to(rows, new)
-
-    def _place(
-        self,
-        run: SamplerState,
-        rows: Int[ndarray, " S"],
-        features: Float[ndarray, "S W"],
-        uniform: Float[ndarray, "S U"],
-    ) -> Float[ndarray, "S D"]:
-        """Sample a location: first the mixture component, then a point of its Gaussian."""
-        logits = self.logits(run, rows, features)
-        chosen = sample_categorical(torch.from_numpy(logits), torch.from_numpy(uniform[:, 0]), self.temperature).numpy()
-        which = np.minimum(chosen, len(self.ar_coefficients) - 1)
-        centre, sd = self.means[which], self.sds[which]
-        if self.shift_and_scale is not None:
-            adapted = np.where(which[:, None] >= self.absolute_components, self.shift_and_scale(features), 0)
-            size = np.exp(adapted[:, -1:].clip(-self.max_log_scale, self.max_log_scale))
-            centre, sd = adapted[:, :-1] + size * centre, size * sd
-        centre = centre + self.ar_coefficients[which] * run.location[rows]
-        returns = (chosen >= len(self.ar_coefficients))[:, None]
-        back = run.previous_locations[rows, np.maximum(chosen - len(self.ar_coefficients), 0)]
-        sd = np.where(returns, self.return_sd, sd)
-        normal = ndtri(uniform[:, 1:].astype(float).clip(1e-6, 1 - 1e-6)).astype(np.float32)
-        return np.asarray(np.where(returns, back, centre) + np.float32(self.temperature) * normal * sd)
-
-    def logits(
-        self, run: SamplerState, rows: Int[ndarray, " S"], features: Float[ndarray, "S W"]
-    ) -> Float[ndarray, "S M"]:
-        """Logits of the Gaussians, followed by those of the previous locations."""
-        previous_locations, dwell_bins = run.previous_locations[rows], run.dwell_bins[rows]
-        away, off = (
-            previous_locations - run.location[rows, None],
-            previous_locations - run.longest_dwell_location[rows, None],
-        )
-        candidate = self.candidate(np.concatenate([away, off, np.log1p(dwell_bins)[..., None]], axis=-1))
-        candidate += self.recency + self.known(features)[:, None]
-        scored = self.score(gelu(candidate))[..., 0]
-        return np.concatenate([self.mixture_logits(features), np.where(dwell_bins > 0, scored, MASKED_LOGIT)], axis=1)
+    return make_sampler(process, temperature).sample(encoded_condition, uniform.cpu().numpy())

@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-MIN_STEP = 0.05  # in units of the scale: the direction of shorter steps shrinks to zero
+from talkingeyes.models.layers.numpy_point_process import MIN_STEP
 
 
 def encode_step(step: Float[Tensor, "*N D"]) -> Float[Tensor, "*N H"]:

@@ -15,8 +15,9 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from talkingeyes.models.layers.numpy_point_process import MASKED_LOGIT
+
 INITIAL_SD = 0.33  # in units of the spread: a return is not exact
-MASKED_LOGIT = -1e9  # for missing locations
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,143 @@
+"""The default model of head and gaze in numpy: `SpeechToMotion` (models/speech_to_motion.py) with point processes.
+
+Samples equal those of the torch model up to rounding (tests/test_inference.py). Other generators need torch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.animation.inference.checkpoint import NumpyCheckpoint, bounded
+from talkingeyes.animation.inference.networks import ConvolutionStack, SpeechProjection
+from talkingeyes.animation.inference.torch_random import uniform
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.models.gaze.saccade_rendering import SEED_OFFSET, eyes_towards, render_saccades
+from talkingeyes.models.head.pose_interpolation import EXTRA_BINS, interpolate_poses
+from talkingeyes.models.layers.numpy_layers import Tensors, tensors_under
+from talkingeyes.models.layers.numpy_point_process import SampledEvents, Sampler, SamplerWeights
+
+
+def can_generate_motion(config: Mapping[str, Any]) -> bool:
+    """Whether a model has only components that exist in numpy."""
+    model = config["model"]
+    return bool(
+        model["kind"] == "speech_to_motion"
+        and model["head"]["kind"] == model["gaze"]["kind"] == "point_process"
+        and not {"lookahead", "waveform_encoder"} & model["speech"].keys()
+        and [each["kind"] for each in model["conditions"]] in ([], ["speaker"])
+        and all(
+            model[part]["process"]["mixture_centres"] == "learned" and "lookahead" not in model[part]["process"]
+            for part in ("head", "gaze")
+        )
+    )
+
+
+@dataclass(frozen=True)
+class _Process:
+    """A point process with its condition encoder and its number of uniform numbers per bin."""
+
+    encode: ConvolutionStack
+    sampler: Sampler
+    bin_frames: int
+    numbers: int
+
+    @classmethod
+    def of(cls, tensors: Tensors, settings: Mapping[str, Any], temperature: float) -> _Process:
+        weights, bin_frames = SamplerWeights.of(tensors), bounded(settings["bin_frames"])
+        stack = ConvolutionStack(tensors, "condition_encoder", settings)
+        for name in ("absolute_components", "previous_steps", "previous_locations"):
+            if settings[name] != getattr(weights, name):
+                raise ValueError(f"{name}: should be {getattr(weights, name)} as in the tensors, got {settings[name]}")
+        return cls(stack, Sampler(weights, temperature), bin_frames, weights.means.shape[1] + 3)
+
+    def sample(self, condition: Float[ndarray, "_ T C"], seeds: list[int], extra_bins: int = 0) -> SampledEvents:
+        """Sample events, one row per seed, for one condition per row or one for all rows."""
+        binned = bin_means(condition, self.bin_frames, extra_bins)
+        count = binned.shape[1]
+        noise = np.stack([uniform(seed, count * self.numbers).reshape(count, self.numbers) for seed in seeds])
+        return self.sampler.sample(self.encode(binned), noise)
+
+
+class NumpyMotionGenerator:
+    """A trained model of head and gaze."""
+
+    def __init__(self, checkpoint: NumpyCheckpoint) -> None:
+        """Generates two frames: a damaged checkpoint raises KeyError, TypeError, ValueError, IndexError or
+        ArithmeticError."""
+        model, tensors = checkpoint.config["model"], checkpoint.tensors
+        self.speakers: tuple[str, ...] = tuple(checkpoint.config["speakers"]) if model["conditions"] else ()
+        self._scales = model["conditions"][0]["embedding_scale"] if model["conditions"] else None
+        self._tensors, self._speech = tensors, SpeechProjection(tensors, model["speech"])
+        self._head = _Process.of(
+            tensors_under(tensors, "head.process"), model["head"]["process"], model["head"]["temperature"]
+        )
+        self._gaze = _Process.of(
+            tensors_under(tensors, "gaze.process"), model["gaze"]["process"], float(tensors["temperature"])
+        )
+        self._fps: float = model["gaze"]["fps"]
+        self.generate(np.zeros((2, len(tensors["speech.mean"])), np.float32), [0], self._fps)
+
+    def generate(
+        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, speaker: int | None = None
+    ) -> Samples:
+        """Sample head and gaze; `speaker` is an index of `speakers`, None: unconditional. A seed gives the same motion
+        in any batch."""
+        speech = self._speech(embedding)
+        head = self._sample_head(self._with_speaker(speech, speaker, "head"), seeds)
+        gaze = self._sample_gaze(self._with_speaker(speech, speaker, "gaze"), head, seeds)
+        return Samples(fps, head.astype(float), gaze.astype(float))
+
+    def _with_speaker(self, speech: Float[ndarray, "1 T S"], speaker: int | None, part: str) -> Float[ndarray, "1 T F"]:
+        """Speech features and the vector of the speaker (models/condition/speaker_embedding.py)."""
+        if self._scales is None:
+            return speech
+        symmetric, antisymmetric = (
+            self._tensors[f"conditions.0.{name}.weight"] for name in ("symmetric", "antisymmetric")
+        )
+        vector = symmetric[-1]
+        if speaker is not None:
+            mean = symmetric[:-1].mean(0)
+            vector = mean + np.float32(self._scales[part]) * (symmetric[speaker] + antisymmetric[speaker] - mean)
+        return np.concatenate([speech, np.broadcast_to(vector, (1, speech.shape[1], len(vector)))], axis=-1)
+
+    def _sample_head(self, speech: Float[ndarray, "1 T S"], seeds: list[int]) -> Float[ndarray, "B T 3"]:
+        sampled = self._head.sample(speech, seeds, EXTRA_BINS)
+        poses = interpolate_poses(sampled.event, sampled.location, self._head.bin_frames)
+        filtered = equalise(poses, self._tensors["head.equaliser.taps"])[:, : speech.shape[1]].astype(np.float32)
+        return np.asarray(filtered * self._tensors["head.normal.scale"] + self._tensors["head.normal.mean"])
+
+    def _sample_gaze(
+        self, speech: Float[ndarray, "1 T S"], head: Float[ndarray, "B T 3"], seeds: list[int]
+    ) -> Float[ndarray, "B T 2 3"]:
+        tensors, bin_frames = self._tensors, self._gaze.bin_frames
+        normal = (head - tensors["head.normal.mean"]) / tensors["head.normal.scale"]
+        both = np.concatenate([np.broadcast_to(speech, (len(head), *speech.shape[1:])), normal], axis=-1)
+        sampled = self._gaze.sample(both, [seed + SEED_OFFSET for seed in seeds])
+        starts_s = (np.arange(sampled.event.shape[1]) + sampled.phase) * bin_frames / self._fps
+        directions = np.asarray(sampled.location * tensors["gaze.scale"] + tensors["gaze.centre"], float)
+        times_s = np.arange(head.shape[1]) / self._fps
+        return eyes_towards(head, render_saccades(sampled.event, starts_s, directions, times_s))
+
+
+def bin_means(frames: Float[ndarray, "B T C"], bin_frames: int, extra_bins: int = 0) -> Float[ndarray, "B N C"]:
+    """Means of bins, with `extra_bins` more that repeat the last frame (models/layers/point_process.py)."""
+    count = math.ceil(frames.shape[1] / bin_frames) + extra_bins
+    filled = np.pad(frames, ((0, 0), (0, count * bin_frames - frames.shape[1]), (0, 0)), mode="edge")
+    return np.asarray(filled.reshape(len(frames), count, bin_frames, -1).mean(2))
+
+
+def equalise(motion: Float[ndarray, "B T D"], taps: Float[ndarray, " L"]) -> Float[ndarray, "B T D"]:
+    """Filter a motion that is padded by its first and last frame (models/layers/equaliser.py)."""
+    if not len(taps):
+        return motion
+    half = len(taps) // 2
+    still = np.pad(motion, ((0, 0), (half, half), (0, 0)), mode="edge")
+    rows = [[np.convolve(each, taps, mode="valid") for each in row.T] for row in still]
+    return np.stack(rows).swapaxes(1, 2)
