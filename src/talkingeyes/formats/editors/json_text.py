@@ -77,7 +77,7 @@ class JsonFile:
 
 def open_json(path: Path) -> JsonFile:
     """Open a JSON. Raises InputError (one line) if it is not one of the layouts."""
-    with reading(path, "JSON with coefficients"):
+    with reading(path, "JSON with fps, names and coefficients"):
         data = read_bytes(path, MAX_TEXT_BYTES)
         parse_json(data.decode("utf-8-sig"))  # checks the depth
         text = data.decode("utf-8-sig")

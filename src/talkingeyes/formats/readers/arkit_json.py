@@ -36,7 +36,7 @@ class CoefficientRows:
 
 def read_arkit_json(path: Path, fps: float | None = None) -> Motion:
     """Read a motion; without rotations, gaze follows from the look coefficients."""
-    return motion_from_json(path, read_json(path, "JSON with coefficients"), fps)
+    return motion_from_json(path, read_json(path, "JSON with fps, names and coefficients"), fps)
 
 
 def motion_from_json(path: Path, content: Any, fps: float | None) -> Motion:
