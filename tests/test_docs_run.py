@@ -28,6 +28,8 @@ ELSEWHERE = {
     "blender --background --python docs/recipes/blender_import.py -- head.glb head.blend --sound SPEECH.wav": "Blender",
     "npm install three && cp docs/recipes/three_player.html head.glb SPEECH.wav . && python3 -m http.server "
     "-b 127.0.0.1": "npm",
+    "npm install three @pixiv/three-vrm @pixiv/three-vrm-animation && cp docs/recipes/vrm_player.html AVATAR.vrm "
+    "motion.vrma SPEECH.wav . && python3 -m http.server -b 127.0.0.1": "npm",
     "python local_viewer.py --point_path AVATAR/point_cloud.ply --motion_path motion.npz": "GaussianAvatars",
 }
 OF_ITS_OWN = {"docs/extend.md": "test_extend.py"}  # its commands need files that the reader writes

@@ -30,6 +30,7 @@ from talkingeyes.formats.readers.gltf import (
     Track,
     open_gltf,
     sampled,
+    turns,
 )
 from talkingeyes.formats.rotations import compose_rotations, quaternions
 from talkingeyes.formats.writers import vrm
@@ -182,7 +183,10 @@ class GltfFile:
         extension = gltf.document["extensions"][VRM_EXTENSION]
         if "lookAt" not in extension:
             extension["lookAt"] = {"node": _root(gltf, "lookAt"), "offsetFromHeadBone": vrm.OFFSET_FROM_HEAD}
-        channels = self._turned_look(extension["lookAt"]["node"], vrm.look_at(added.motion), added)
+        looks, node = vrm.look_at(added.motion), extension["lookAt"]["node"]
+        if (node, "rotation") in self.tracks:  # players take it as it is, whatever the node's rotation at rest
+            looks = added.mixed_turns(turns(self.tracks[node, "rotation"], self.times_s), looks)
+        channels: Channels = {(node, "rotation"): quaternions(looks)}
         preset = extension.setdefault("expressions", {}).setdefault("preset", {})
         weights = {name: each for name, each in vrm.expressions(added.motion).items() if name.startswith("blink")}
         weights |= {
@@ -199,11 +203,6 @@ class GltfFile:
             shown[:, 0] = values if track is None else added.mixed(shown[:, 0], values)
             channels[node, "translation"] = shown
         return channels
-
-    def _turned_look(self, node: int, turn: Float[ndarray, "T 3"], added: AddedEyes) -> Channels:
-        if node >= len(self.document.content["nodes"]):  # just added
-            return {(node, "rotation"): quaternions(turn)}
-        return self._turned(node, turn, added)
 
 
 def open_gltf_file(path: Path, own: Motion) -> GltfFile:

@@ -124,7 +124,7 @@ class GltfDocument:
         track = None if node is None else tracks.get((node, "rotation"))
         if node is None or track is None:
             return np.zeros((len(times), 3))
-        return _turns(track, times, self.rest_rotation(node))
+        return turns(track, times, self.rest_rotation(node))
 
     def rest_rotation(self, node: int) -> RestRotation:
         """The rotation of a node at rest. Raises InputError if the nodes are not a tree."""
@@ -249,7 +249,7 @@ def _vrm(document: GltfDocument, tracks: dict[tuple[int, str], Track], fps: floa
 
     jaw = np.zeros((len(times), 3))
     jaw[:, 0] = JAW_OPEN_RAD * weight("aa")
-    looks = np.zeros((len(times), 3)) if looking is None else _turns(looking, times)
+    looks = np.zeros((len(times), 3)) if looking is None else turns(looking, times)
     gaze = np.repeat(looks[:, None], 2, axis=1)
     lid = np.stack([weight("blinkLeft", "blink"), weight("blinkRight", "blink")], axis=1)
     return Motion.of(rate, head, gaze, lid=lid, jaw=jaw)
@@ -278,7 +278,7 @@ def sampled(track: Track, times: Float[ndarray, " T"]) -> Float[ndarray, "T C"]:
     return np.stack([np.interp(times, track.times_s, column) for column in track.values.T], axis=1)
 
 
-def _turns(track: Track, times: Float[ndarray, " T"], rest: RestRotation = AT_REST) -> Float[ndarray, "T 3"]:
+def turns(track: Track, times: Float[ndarray, " T"], rest: RestRotation = AT_REST) -> Float[ndarray, "T 3"]:
     """Rotation vectors of a track of quaternions, from rest about the file's axes, with spherical interpolation."""
     keys = rest.to_file_axes(Rotation.from_quat(track.values))
     if len(track.times_s) == 1:
