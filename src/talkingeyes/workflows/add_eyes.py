@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 
 from talkingeyes.animation.controls import Controls
 from talkingeyes.animation.line_of_sight import check_forward_axis, to_forward_axes
@@ -31,6 +33,23 @@ from talkingeyes.workflows.render import check_output_file
 
 if TYPE_CHECKING:
     from talkingeyes.animation.animation import Animation
+    from talkingeyes.animation.animator import Animator
+    from talkingeyes.formats.editors.face_file import FaceFile
+
+
+@dataclass(frozen=True)
+class EyeOptions:
+    """Options of `add_eyes` that concern the eyes, not the files."""
+
+    seed: int = 0
+    controls: Controls = DEFAULT_CONTROLS
+    keep_head: bool = False
+    blend: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Raises InputError (one line) for a blend out of bounds."""
+        if not 0.0 <= self.blend <= 1.0:
+            raise InputError(f"blend: should be 0 (the file's eyes) to 1 (ours), got {self.blend:g}")
 
 
 @dataclass(frozen=True)
@@ -65,35 +84,42 @@ def add_eyes(
 
     Raises InputError (one line) for invalid arguments, and files that have no place for eyes.
     """
-    from talkingeyes.formats.editors.channels import AddedEyes
     from talkingeyes.formats.editors.face_file import open_face_file
 
     path = Path(face)
-    if not 0.0 <= blend <= 1.0:
-        raise InputError(f"blend: should be 0 (the file's eyes) to 1 (ours), got {blend:g}")
+    options = EyeOptions(seed, controls, keep_head, blend)
     if eyes is not None:
         check_forward_axis(eyes)
     output_path = check_output_file(Path(out), path.suffix, force)
     file = open_face_file(path, fps, eyes)
-    frames, has_head = len(file.motion), file.editor.has_head
-    with_head = has_head and not keep_head
-    options = AnimationOptions(samples=1, seed=seed, fps=file.motion.fps, controls=controls)
-    performer, sound = load_performer(model), load_speech(speech)
-    notes = _notes(len(sound) / SAMPLE_RATE, file.motion, has_head)
-    steps = math.ceil(file.motion.seconds * performer.fps - 1e-6)  # frames of the model, which cover the file
-    samples = math.ceil(steps / performer.fps * SAMPLE_RATE)
-    fitted = np.pad(sound[:samples], (0, max(samples - len(sound), 0)))
-    options = replace(options, controls=_with_head_of(file.motion, controls, with_head, has_head))
-    sampled = sample_animations(performer, fitted, options)[0]
-    animation = replace(sampled, motion=sampled.motion.cut(0, frames))
-    shown = to_forward_axes(animation.motion, file.forward_axis)
-    content = file.editor.edited(AddedEyes(shown, with_head, blend))
+    content, added = edit_face(file, load_speech(speech), load_performer(model), options)
     try:
         with atomic_write(output_path) as partial:
             partial.write_bytes(content)
     except OSError as error:
         raise InputError(f"{out}: should be a file that can be written, got: {error.strerror or error}") from None
-    return EyesAdded(file.format, animation, notes)
+    return added
+
+
+def edit_face(
+    file: FaceFile, sound: Float[ndarray, " N"], performer: Animator, options: EyeOptions
+) -> tuple[bytes, EyesAdded]:
+    """The content of a file with eyes for a sound of 16 kHz. Raises InputError as `add_eyes` does."""
+    from talkingeyes.formats.editors.channels import AddedEyes
+
+    frames, has_head, rate = len(file.motion), file.editor.has_head, file.motion.fps
+    with_head = has_head and not options.keep_head
+    notes = _notes(len(sound) / SAMPLE_RATE, file.motion, has_head)
+    steps = math.ceil(file.motion.seconds * performer.fps - 1e-6)  # frames of the model, which cover the file
+    samples = math.ceil(steps / performer.fps * SAMPLE_RATE)
+    fitted = np.pad(sound[:samples], (0, max(samples - len(sound), 0)))
+    controls = _with_head_of(file.motion, options.controls, with_head, has_head)
+    asked = AnimationOptions(samples=1, seed=options.seed, fps=rate, controls=controls)
+    sampled = sample_animations(performer, fitted, asked)[0]
+    animation = replace(sampled, motion=sampled.motion.cut(0, frames))
+    shown = to_forward_axes(animation.motion, file.forward_axis)
+    content = file.editor.edited(AddedEyes(shown, with_head, options.blend))
+    return content, EyesAdded(file.format, animation, notes)
 
 
 def _notes(speech_s: float, motion: Motion, has_head: bool) -> tuple[str, ...]:
