@@ -6,8 +6,11 @@ import csv
 import gzip
 import io
 import json
+import os
+import subprocess
 import sys
 import zipfile
+from importlib.util import find_spec
 from pathlib import Path
 
 import face_files
@@ -303,6 +306,50 @@ def test_an_avatar_looks_about_the_axes_of_its_own_bones(place: Path, tmp_path: 
         wanted = shown.gaze[:, eye] * (0 if eye_shapes else 1)  # shapes turn the eyes where the face has them
         np.testing.assert_allclose(turn.as_rotvec(), wanted, atol=1e-6)
         assert eye_shapes == (found[1].tobytes() == before[1].tobytes())
+
+
+BLENDER = """
+import json, sys
+import bpy
+bpy.ops.wm.read_factory_settings(use_empty=True)
+bpy.context.scene.render.fps = 30
+bpy.ops.import_scene.gltf(filepath=sys.argv[1])
+rig = next(each for each in bpy.data.objects if each.type == "ARMATURE")
+faces = [each for each in bpy.data.objects if each.type == "MESH" and each.data.shape_keys]
+face = max(faces, key=lambda each: len(each.data.shape_keys.key_blocks))
+found = []
+for frame in json.loads(sys.argv[2]):
+    bpy.context.scene.frame_set(frame)
+    shown = bpy.context.evaluated_depsgraph_get()
+    turned = {bone.name: [list(row)[:3] for row in (bone.matrix @ bone.bone.matrix_local.inverted())][:3]
+              for bone in rig.evaluated_get(shown).pose.bones}
+    keys = {key.name: key.value for key in face.evaluated_get(shown).data.shape_keys.key_blocks}
+    found.append({"turned": turned, "keys": keys})
+json.dump(found, open(sys.argv[3], "w"))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("bpy") is None, reason="the package bpy (Blender) is not installed")
+@pytest.mark.parametrize("eye_shapes", [True, False])
+def test_blender_reads_the_avatar_back(place: Path, tmp_path: Path, eye_shapes: bool) -> None:
+    path, out = face_files.avatar_glb(tmp_path / "in.glb", eye_shapes=eye_shapes), tmp_path / "out.glb"
+    done = add_eyes(path, place / "speech.wav", out, seed=2, model=place / "model")
+    frames = [1, 20, 40, 60, 74]
+    command = [sys.executable, "-c", BLENDER, str(out), json.dumps(frames), str(tmp_path / "read.json")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run(command, check=True, capture_output=True, env=environment)
+    shown, to_blender = to_forward_axes(done.animation.motion), np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+    names = [name for name in arkit.NAMES if eye_shapes or not name.startswith("eyeLook")]
+    lips, ours = face_files.weights(75, len(names)), arkit.coefficients(shown)
+    for frame, read in zip(frames, json.loads((tmp_path / "read.json").read_text()), strict=True):
+        head = rotation.rotvec_to_matrix(shown.head[frame])
+        eyes = [head @ rotation.rotvec_to_matrix(shown.gaze[frame, eye] * (not eye_shapes)) for eye in range(2)]
+        for name, wanted in (("Head", head), ("LeftEye", eyes[0]), ("RightEye", eyes[1])):
+            np.testing.assert_allclose(read["turned"][name], to_blender @ wanted @ to_blender.T, atol=1e-5)
+        for k, name in enumerate(names):
+            value = ours[frame, arkit.NAMES.index(name)] if is_eye(name) else lips[frame, k]
+            assert read["keys"][name] == pytest.approx(value, abs=1e-6), name
 
 
 def test_our_glb_has_the_channels_of_export(place: Path, tmp_path: Path) -> None:
