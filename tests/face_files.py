@@ -85,9 +85,13 @@ def audio2face_json(path: Path, fps: float = 30.0, frames: int = 75, names: list
 
 
 def audio2face_csv(path: Path, fps: float = 30.0, frames: int = 75) -> Path:
-    """`animation_frames.csv` of Audio2Face-3D's client, as pandas writes it."""
-    names = [name[0].upper() + name[1:] for name in arkit.NAMES]
+    """`animation_frames.csv` of Audio2Face-3D's client, as pandas writes it; eyes look ahead, the head is still.
+
+    The header is that of a published file (walkoncross/NIM-audio2face-visualization on GitHub).
+    """
+    names = [name[0].upper() + name[1:] for name in arkit.NAMES] + ["HeadRoll", "HeadPitch", "HeadYaw"]
     table = weights(frames, len(names)).astype(np.float32)
+    table[:, [name.startswith(("EyeLook", "Head")) for name in names]] = 0
     lines = [",".join(["", "timeCode", *(f"blendShapes.{name}" for name in names)])]
     lines += [",".join([str(k), repr(k / fps), *(repr(float(v)) for v in row)]) for k, row in enumerate(table)]
     path.write_text("\n".join(lines) + "\n")
@@ -167,8 +171,8 @@ def avatar_glb(path: Path, fps: float = 30.0, frames: int = 75, eye_shapes: bool
     return path
 
 
-def lips_vrma(path: Path, fps: float = 30.0, frames: int = 75) -> Path:
-    """A VRM animation of a mouth and a neck alone: no look-at, no blinks."""
+def lips_vrma(path: Path, fps: float = 30.0, frames: int = 75, custom: tuple[str, ...] = ()) -> Path:
+    """A VRM animation of a mouth and a neck alone: no look-at, no blinks; `custom` are expressions that stay at 0."""
     gltf = Gltf()
     for index, name in enumerate(("hips", "neck", "head", "aa", "ih")):
         gltf.node(name, **({"children": [index + 1]} if index < 2 else {}))
@@ -176,13 +180,15 @@ def lips_vrma(path: Path, fps: float = 30.0, frames: int = 75) -> Path:
     mouth = weights(frames, 6)
     neck = Rotation.from_rotvec(HEAD_RAD * (weights(frames, 3) - 0.5)).as_quat()
     keys = {(1, "rotation"): neck, (3, "translation"): mouth[:, :3], (4, "translation"): mouth[:, 3:]}
-    gltf.animate(keys, fps)
+    own = {name: {"node": gltf.node(name)} for name in custom}
+    gltf.document["scenes"][0]["nodes"] += [each["node"] for each in own.values()]
+    gltf.animate(keys | {(each["node"], "translation"): np.zeros((frames, 3)) for each in own.values()}, fps)
     gltf.document["extensionsUsed"] = ["VRMC_vrm_animation"]
     gltf.document["extensions"] = {
         "VRMC_vrm_animation": {
             "specVersion": "1.0",
             "humanoid": {"humanBones": {name: {"node": node} for node, name in enumerate(("hips", "neck", "head"))}},
-            "expressions": {"preset": {"aa": {"node": 3}, "ih": {"node": 4}}},
+            "expressions": {"preset": {"aa": {"node": 3}, "ih": {"node": 4}}, "custom": own},
         }
     }
     gltf.save(path)

@@ -182,14 +182,13 @@ def test_audio2face_3d_has_the_coefficients_of_export(place: Path, tmp_path: Pat
     name = LAYOUTS["audio2face-3d"][0]
     before, after = ((folder / name).read_bytes() for folder in (place, tmp_path))
     changed = changed_columns(before, after)
-    assert changed == {f"blendShapes.{n[0].upper()}{n[1:]}" for n in arkit.NAMES if is_eye(n)}
+    heads = {"blendShapes.HeadRoll", "blendShapes.HeadPitch", "blendShapes.HeadYaw"}
+    assert changed == heads | {f"blendShapes.{n[0].upper()}{n[1:]}" for n in arkit.NAMES if is_eye(n)}
     te.export(done.animation, tmp_path / "ours.csv")
     (names, rows), (our_names, our_rows) = cells(after), cells((tmp_path / "ours.csv").read_bytes())
     for name in changed:
         ours = our_names.index(name.removeprefix("blendShapes."))
         assert [row[names.index(name)] for row in rows] == [row[ours] for row in our_rows], name
-    assert done.notes[-1].startswith("no place for the head")
-    np.testing.assert_array_equal(done.animation.motion.head, 0)
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="no real recordings here")
@@ -241,6 +240,8 @@ def test_audio2face_keeps_its_text_but_for_the_eyes(place: Path, tmp_path: Path,
     for k in eyes:
         values = wanted[names[k].lower()]
         np.testing.assert_allclose([row[k] for row in new["weightMat"]], values, atol=1e-7)
+    assert done.notes[-1].startswith("no place for the head")
+    np.testing.assert_array_equal(done.animation.motion.head, 0)
     if own_names:
         closed = np.array(new["weightMat"])[:, names.index("eyesCloseL")]
         np.testing.assert_allclose(closed, np.clip(done.animation.motion.lid[:, 0], 0, 1), atol=1e-7)
@@ -396,6 +397,20 @@ def test_a_vrm_animation_of_lips_looks_and_blinks(place: Path, tmp_path: Path) -
         np.testing.assert_allclose(keys(new, name, path)[1], keys(ours, name, path)[1], atol=1e-6)  # type: ignore[index]
     neck, head = (Rotation.from_quat(keys(new, name, "rotation")[1]) for name in ("neck", "head"))  # type: ignore[index]
     np.testing.assert_allclose((neck * head).as_rotvec(), done.animation.motion.head, atol=1e-6)
+
+
+def test_a_vrm_animation_with_arkit_expressions_has_these_moved(place: Path, tmp_path: Path) -> None:
+    custom = ("eyeBlinkLeft", "EyeLookInRight", "mouthFunnel")
+    path, out = face_files.lips_vrma(tmp_path / "in.vrma", custom=custom), tmp_path / "out.vrma"
+    done = add_eyes(path, place / "speech.wav", out, seed=2, model=place / "model")
+    new, ours = glb(out), arkit.coefficients(to_forward_axes(done.animation.motion))
+    for name in custom[:2]:
+        values = keys(new, name, "translation")[1]  # type: ignore[index]
+        np.testing.assert_allclose(values[:, 0], ours[:, arkit.NAMES.index(name[0].lower() + name[1:])], atol=1e-6)
+    assert not keys(new, "mouthFunnel", "translation")[1].any()  # type: ignore[index]
+    vrm = new.extensions["VRMC_vrm_animation"]
+    assert "lookAt" not in vrm  # expressions turn the eyes, and lids close once
+    assert set(vrm["expressions"]["preset"]) == {"aa", "ih"}
 
 
 # FLAME.

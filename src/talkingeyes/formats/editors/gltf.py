@@ -179,30 +179,40 @@ class GltfFile:
         return track.values.copy() if self._has_key_per_frame(track) else sampled(track, self.times_s)
 
     def _vrm(self, gltf: Gltf, added: AddedEyes) -> Channels:
-        """Look-at and blinks; nodes that the file lacks are added."""
+        """Look-at and blinks; nodes that the file lacks are added. ARKit's names among its own expressions get ours."""
         extension = gltf.document["extensions"][VRM_EXTENSION]
+        shown = extension.setdefault("expressions", {})
+        preset, custom = shown.setdefault("preset", {}), shown.get("custom", {})
+        animated = {
+            name: place["node"]
+            for name, place in (*custom.items(), *preset.items())
+            if (place["node"], "translation") in self.tracks
+        }
+        ours, still = eye_channels(added.motion), np.zeros(len(self.times_s))
+        shapes = {name: ours[channel_name(name)] for name in animated if name in custom and channel_name(name) in ours}
+        weights = shapes | {name: still for name in ("blink", *LOOK_PRESETS) if name in animated}
+        if not any(channel_name(name).startswith("eyeblink") for name in shapes):
+            weights |= {name: each for name, each in vrm.expressions(added.motion).items() if name.startswith("blink")}
+        channels: Channels = {}
+        for name, values in weights.items():
+            if name not in animated and name not in preset:
+                preset[name] = {"node": _root(gltf, name)}
+            channels |= self._expression(animated[name] if name in animated else preset[name]["node"], values, added)
+        if any(channel_name(name).startswith("eyelook") for name in shapes) and "lookAt" not in extension:
+            return channels  # the eyes are turned by expressions
         if "lookAt" not in extension:
             extension["lookAt"] = {"node": _root(gltf, "lookAt"), "offsetFromHeadBone": vrm.OFFSET_FROM_HEAD}
         looks, node = vrm.look_at(added.motion), extension["lookAt"]["node"]
         if (node, "rotation") in self.tracks:  # players take it as it is, whatever the node's rotation at rest
             looks = added.mixed_turns(turns(self.tracks[node, "rotation"], self.times_s), looks)
-        channels: Channels = {(node, "rotation"): quaternions(looks)}
-        preset = extension.setdefault("expressions", {}).setdefault("preset", {})
-        weights = {name: each for name, each in vrm.expressions(added.motion).items() if name.startswith("blink")}
-        weights |= {
-            name: np.zeros(len(self.times_s))
-            for name in ("blink", *LOOK_PRESETS)
-            if name in preset and (preset[name]["node"], "translation") in self.tracks
-        }
-        for name, values in weights.items():
-            if name not in preset:
-                preset[name] = {"node": _root(gltf, name)}
-            node = preset[name]["node"]
-            track = self.tracks.get((node, "translation"))
-            shown = np.zeros((len(self.times_s), 3)) if track is None else self._kept(track)
-            shown[:, 0] = values if track is None else added.mixed(shown[:, 0], values)
-            channels[node, "translation"] = shown
-        return channels
+        return channels | {(node, "rotation"): quaternions(looks)}
+
+    def _expression(self, node: int, values: Float[ndarray, " T"], added: AddedEyes) -> Channels:
+        """The channel of an expression: its weight is the x of a translation."""
+        track = self.tracks.get((node, "translation"))
+        moved = np.zeros((len(self.times_s), 3)) if track is None else self._kept(track)
+        moved[:, 0] = values if track is None else added.mixed(moved[:, 0], values)
+        return {(node, "translation"): moved}
 
 
 def open_gltf_file(path: Path, own: Motion) -> GltfFile:

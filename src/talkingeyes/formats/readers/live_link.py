@@ -8,7 +8,7 @@ The sign of pitch is that of public players; that of roll is not known from any 
 Rz. If the angle columns are empty, as in takes without rotations, the look coefficients give the gaze. If the angles
 contradict the coefficients in sign or unit, they are corrected, because other programs write other conventions.
 
-Audio2Face-3D's client writes the same coefficients without angles (`animation_frames.csv`): `timeCode` in seconds,
+Audio2Face-3D's client writes the same coefficients without eye angles (`animation_frames.csv`): `timeCode` in seconds,
 `blendShapes.EyeBlinkLeft`, ...
 """
 
