@@ -146,7 +146,8 @@ def unils(path: Path, frames: int = 75) -> Path:
 def avatar_glb(path: Path, fps: float = 30.0, frames: int = 75, eye_shapes: bool = True) -> Path:
     """An avatar whose lips move: bones with axes of their own, a face and teeth with shapes.
 
-    The bones of the eyes have the keys that converters write for bones that do not move.
+    The bones of the eyes and of the head have the keys that converters write for bones that do not move: as many as
+    others, or two.
     """
     gltf = Gltf()
     bones = {"Spine": SPINE, "Head": HEAD, "LeftEye": EYE, "RightEye": EYE}
@@ -167,6 +168,10 @@ def avatar_glb(path: Path, fps: float = 30.0, frames: int = 75, eye_shapes: bool
     lips[:, [is_eye(name) for name in names]] = 0
     keys = {(2, "rotation"): still, (3, "rotation"): still, (4, "weights"): lips, (5, "weights"): weights(frames, 2, 1)}
     gltf.animate(keys, fps)
+    animation = gltf.document["animations"][0]
+    ends = gltf.accessor(np.array([0, (frames - 1) / fps], np.float32))
+    animation["channels"].append({"sampler": len(keys), "target": {"node": 1, "path": "rotation"}})
+    animation["samplers"].append({"input": ends, "output": gltf.keys("rotation", np.tile(HEAD.as_quat(), (2, 1)))})
     gltf.save(path)
     return path
 

@@ -17,6 +17,7 @@ import face_files
 import numpy as np
 import pytest
 import soundfile
+import toy_motions
 from face_files import LAYOUTS, is_eye
 from scipy.spatial.transform import Rotation
 from toy_model import sound_file, toy_model
@@ -430,6 +431,21 @@ def test_vhap_keeps_its_other_arrays(place: Path, tmp_path: Path) -> None:
         assert new["eyes_pose"].dtype == np.float32
 
 
+@pytest.mark.parametrize("eyes", [None, "optical"])
+def test_our_flame_layout_has_an_array_an_eye(place: Path, tmp_path: Path, eyes: str | None) -> None:
+    te.export(toy_motions.flame_motion(), tmp_path / "in.npz", format="flame")
+    done = add_eyes(
+        tmp_path / "in.npz", place / "speech.wav", tmp_path / "out.npz", seed=2, model=place / "model", eyes=eyes
+    )
+    before, after = (named_arrays(tmp_path / f"{name}.npz") for name in ("in", "out"))
+    changed = {name.removesuffix(".npy") for name in after if after[name] != before.get(name)}
+    assert changed == {"neck_pose", "leye_pose", "reye_pose", "eyelids"}
+    shown = to_forward_axes(done.animation.motion, eyes or "visual")
+    with np.load(tmp_path / "out.npz") as new:
+        np.testing.assert_allclose(new["leye_pose"], shown.gaze[:, 0], atol=1e-6)
+        np.testing.assert_allclose(new["reye_pose"], shown.gaze[:, 1], atol=1e-6)
+
+
 def test_diffposetalk_gets_eyes_and_keeps_its_jaw(place: Path, tmp_path: Path) -> None:
     done = added(place, "diffposetalk", tmp_path)
     before, after = (named_arrays(folder / "sample.npz") for folder in (place, tmp_path))
@@ -493,9 +509,9 @@ def test_blend_mixes_the_eyes_of_both(place: Path, tmp_path: Path, layout: str) 
     if layout in ("live link", "vhap", "unils"):
         np.testing.assert_allclose(half.head, (none.head + whole.head) / 2, atol=0.01)
         np.testing.assert_allclose(none.head, own.head, atol=1e-6)
-    if layout == "avatar":  # no channel of the head, eyes by shapes: 0 in the file
+    if layout == "avatar":  # eyes by shapes and head are at rest in the file
         np.testing.assert_allclose(half.lid, whole.lid / 2, atol=1e-6)
-        np.testing.assert_allclose(half.head, whole.head, atol=1e-6)
+        np.testing.assert_allclose(half.head, whole.head / 2, atol=1e-6)
 
 
 # The command line, and mistakes.

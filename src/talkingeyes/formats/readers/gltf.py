@@ -7,6 +7,7 @@ are driven by the shapes of the Eyelid model, closure is computed from the weigh
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -180,7 +181,7 @@ def _head(document: GltfDocument, tracks: dict[tuple[int, str], Track], fps: flo
         raise InputError(
             f"{document.path}: should animate a joint such as {', '.join(JOINT_ALIASES)}, got {', '.join(names[:6])}"
         )
-    rate, times = frame_grid(known[0], fps)
+    rate, times = frame_grid(known, fps)
     turned = {ours: document.turns(tracks, node, times) for ours, node in joints.items()}
     shapes: dict[str, ndarray] = {}
     if weights is not None:
@@ -239,7 +240,7 @@ def _vrm(document: GltfDocument, tracks: dict[tuple[int, str], Track], fps: floa
     known = [track for track in (looking, *turning, *weights.values()) if track is not None]
     if not known:
         raise InputError(f"{document.path}: should animate the head, the look-at or expressions, got none")
-    rate, times = frame_grid(known[0], fps)
+    rate, times = frame_grid(known, fps)
     neck, skull = (document.turns(tracks, nodes.get(name), times) for name in ("neck", "head"))
     head = compose_rotations(neck, skull)
 
@@ -262,8 +263,12 @@ def count_frames(span_s: float, fps: float) -> int:
     return round(span_s * fps) + 1
 
 
-def frame_grid(track: Track, fps: float | None) -> tuple[float, Float[ndarray, " T"]]:
-    """Frame rate (of the track, unless given) and frame times."""
+def frame_grid(tracks: Sequence[Track], fps: float | None) -> tuple[float, Float[ndarray, " T"]]:
+    """Frame rate (of the track with most keys, unless given) and frame times.
+
+    Exporters write two keys for what does not move.
+    """
+    track = max(tracks, key=lambda each: len(each.times_s))
     steps = np.diff(track.times_s)
     if fps is None and (not len(steps) or np.ptp(steps) > 0.1 * np.median(steps)):
         raise InputError("animation: keys should be evenly spaced, got uneven ones; set --fps")
