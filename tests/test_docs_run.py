@@ -28,6 +28,8 @@ ELSEWHERE = {
     "blender --background --python docs/recipes/blender_import.py -- head.glb head.blend --sound SPEECH.wav": "Blender",
     "npm install three && cp docs/recipes/three_player.html head.glb SPEECH.wav . && python3 -m http.server "
     "-b 127.0.0.1": "npm",
+    "npm install three @pixiv/three-vrm @pixiv/three-vrm-animation && cp docs/recipes/vrm_player.html AVATAR.vrm "
+    "motion.vrma SPEECH.wav . && python3 -m http.server -b 127.0.0.1": "npm",
     "python local_viewer.py --point_path AVATAR/point_cloud.ply --motion_path motion.npz": "GaussianAvatars",
 }
 OF_ITS_OWN = {"docs/extend.md": "test_extend.py"}  # its commands need files that the reader writes
@@ -59,7 +61,7 @@ def test_tutorial_writes_the_stated_files(project: Path) -> None:
 def test_commands_that_are_not_run_are_in_the_docs_and_listed() -> None:
     found = {line for page in RUN for line in lines(page)}
     assert ELSEWHERE.keys() <= found
-    assert len(ELSEWHERE) == 9
+    assert len(ELSEWHERE) == 10
     assert set(OF_ITS_OWN) <= {name_of(page) for page in PAGES}
     assert sum(len(lines(page)) for page in RUN) >= 50
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import face_files
 import numpy as np
 import pytest
 import soundfile
@@ -191,6 +192,30 @@ class TestFiles:
     @pytest.mark.slow
     def test_a_film_is_a_download_too(self, service: Service, performed: str) -> None:
         assert service.ask(f"{performed}/mp4").body[4:8] == b"ftyp"
+
+    def test_a_face_gets_the_eyes_of_an_animation(self, service: Service, performed: str, tmp_path: Path) -> None:
+        table = face_files.live_link(tmp_path / "take.csv", frames=90).read_bytes()
+        kept = service.ask(f"{performed}/faces/csv?keep_head=true&blend=0", table, Content_Type="text/csv")
+        assert (kept.status, kept.body) == (200, table)
+        made = service.ask(f"{performed}/faces/csv", table, Content_Type="text/csv")
+        assert made.status == 200, made.body
+        names, *rows = (line.split(",") for line in made.body.decode().splitlines())
+        _, *own = (line.split(",") for line in table.decode().splitlines())
+        changed = {name for k, name in enumerate(names) if [row[k] for row in rows] != [row[k] for row in own]}
+        assert all(face_files.is_eye(name) or name.startswith("Head") for name in changed)
+        assert {"EyeLookInLeft", "RightEyeYaw", "HeadYaw"} <= changed
+        sample = face_files.diffposetalk(tmp_path / "sample.npz").read_bytes()
+        told = service.ask(f"{performed}/faces/npz", sample).told
+        assert told == {"error": "the face: should contain its frame rate, got none; set --fps"}
+        assert service.ask(f"{performed}/faces/npz?fps=25", sample).body[:2] == b"PK"
+        long = face_files.audio2face_json(tmp_path / "a.json", frames=150).read_bytes()
+        assert (
+            service.ask(f"{performed}/faces/json", long).told["error"].startswith("the face: should last at most 4 s")
+        )
+        for path, status in (("faces/fbx", 404), ("faces/csv?blend=2", 422), ("faces/json", 422)):
+            assert service.ask(f"{performed}/{path}", table).status == status
+        assert service.ask(f"{performed}/faces/csv", table, Content_Type="multipart/form-data").status == 415
+        assert service.ask(f"performances/{'0' * 32}/faces/csv", table).status == 404
 
     @pytest.fixture
     def performed(self, service: Service) -> str:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from talkingeyes.core.errors import InputError as InputError
     from talkingeyes.core.motion import Events as Events
     from talkingeyes.core.motion import Motion as Motion
+    from talkingeyes.workflows.add_eyes import add_eyes as add_eyes
     from talkingeyes.workflows.animate import animate as animate
     from talkingeyes.workflows.animate import animate_samples as animate_samples
     from talkingeyes.workflows.animate import animate_to_folder as animate_to_folder
@@ -39,6 +40,7 @@ _MODULES = {
     "Liveliness": "animation.controls",
     "Motion": "core.motion",
     "Animation": "animation.animator",
+    "add_eyes": "workflows.add_eyes",
     "animate": "workflows.animate",
     "animate_to_folder": "workflows.animate",
     "animate_samples": "workflows.animate",
@@ -57,6 +59,7 @@ __all__ = [
     "InputError",
     "Liveliness",
     "Motion",
+    "add_eyes",
     "animate",
     "animate_samples",
     "animate_to_folder",

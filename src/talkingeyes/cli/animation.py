@@ -7,6 +7,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from talkingeyes.cli.performance_options import (
+    BlinkLiveliness,
+    Blinks,
+    Emotion,
+    EyeContact,
+    GazeLiveliness,
+    HeadLiveliness,
+    Intensity,
+    ModelFile,
+    Partner,
+    Seed,
+    Style,
+    Target,
+)
 from talkingeyes.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,19 +47,15 @@ def animate(
     ] = None,
     language: Annotated[str | None, typer.Option(help="Language of --text: en, fr, de, es, it, pt or nl.")] = None,
     samples: Annotated[int, typer.Option(help="Number of motions to sample.")] = 3,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same motions.")] = 0,
+    seed: Seed = 0,
     fps: Annotated[float, typer.Option(help="Frames per second, 10 to 240.")] = 25.0,
-    blinks: Annotated[str, typer.Option(help="Blink rate profile: physiological, paper or corpus.")] = "physiological",
-    target: Annotated[
-        str | None, typer.Option(help="Gaze target: camera, listener, or a track (.json, .csv; docs/control.md).")
-    ] = None,
-    eye_contact: Annotated[float | None, typer.Option(help="Fraction of time with eye contact, 0 to 1.")] = None,
-    head_liveliness: Annotated[float, typer.Option(help="Scale of head motion: 0 none, 1 as sampled, 2 double.")] = 1.0,
-    gaze_liveliness: Annotated[float, typer.Option(help="Scale of gaze: 0 none, 1 as sampled, 2 double.")] = 1.0,
-    blink_liveliness: Annotated[
-        float, typer.Option(help="Scale of the blink rate: 0 none, 1 as in the profile, 2 double.")
-    ] = 1.0,
-    partner: Annotated[Path | None, typer.Option(help="The sound of the conversation partner, synchronous.")] = None,
+    blinks: Blinks = "physiological",
+    target: Target = None,
+    eye_contact: EyeContact = None,
+    head_liveliness: HeadLiveliness = 1.0,
+    gaze_liveliness: GazeLiveliness = 1.0,
+    blink_liveliness: BlinkLiveliness = 1.0,
+    partner: Partner = None,
     dialogue: Annotated[
         bool,
         typer.Option("--dialogue", help="Animate both speakers of a dialogue: two sounds, or one with two channels."),
@@ -56,28 +66,19 @@ def animate(
             help="Training speaker to imitate (in a dialogue two: A,B). Default: a random one, set by the seed."
         ),
     ] = None,
-    style: Annotated[str | None, typer.Option(help="Motion style: a speaker of the model, or a motion (.npz).")] = None,
+    style: Style = None,
     no_postprocessing: Annotated[
         bool,
         typer.Option(help="Head and gaze as sampled, without rule-based layers (docs/whole.md)."),
     ] = False,
-    emotion: Annotated[
-        str,
-        typer.Option(help="Emotion of the face: neutral, happy, sad, surprised, fear, disgusted, angry or contempt."),
-    ] = "neutral",
-    intensity: Annotated[int | None, typer.Option(help="Intensity of the emotion: 1, 2 or 3.")] = None,
+    emotion: Emotion = "neutral",
+    intensity: Intensity = None,
     face_speaker: Annotated[str | None, typer.Option(help="Speaker of the face: one known to the face model.")] = None,
     without: Annotated[list[str] | None, typer.Option(help="A part to switch off: head, gaze, blinks or face.")] = None,
     replaced: Annotated[
         list[str] | None, typer.Option("--replace", help="PART=MOTION.npz: take a part from another motion.")
     ] = None,
-    model: Annotated[
-        Path | None,
-        typer.Option(
-            help="A model: a folder of the train stage or a file of `pack`. "
-            "Default: data/train/talkingeyes_events (of `make repro`), else the packaged one."
-        ),
-    ] = None,
+    model: ModelFile = None,
     formats: Annotated[
         list[str] | None, typer.Option("-f", "--format", help="Also write this format, as `export` does; repeatable.")
     ] = None,

@@ -12,12 +12,13 @@ from collections.abc import Callable, Mapping
 import typer
 from typer.exceptions import TyperException
 
-from talkingeyes.cli import animation, conversion, evaluation, rendering, servers, tracking
+from talkingeyes.cli import adding_eyes, animation, conversion, evaluation, rendering, servers, tracking
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.run import run_command
 
 COMMANDS: Mapping[str, Callable[..., None]] = {
     "animate": animation.animate,
+    "add-eyes": adding_eyes.add_eyes,
     "evaluate": evaluation.evaluate,
     "render": rendering.render,
     "head": rendering.render_head,

@@ -17,7 +17,7 @@ import soundfile
 
 from talkingeyes.animation.line_of_sight import to_forward_axes
 from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL, PACKAGED_MODEL, find_model
-from talkingeyes.apps.service.animation_request import AnimationRequest, Limits
+from talkingeyes.apps.service.animation_request import AnimationRequest, EyesRequest, Limits
 from talkingeyes.apps.viewer.local_server import LOCALHOST, serve
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.core.errors import InputError
@@ -90,7 +90,7 @@ def _interrupted(*_: Any) -> None:
 
 
 def file_workers(model: str) -> Callable[[Any], Any]:
-    """The message handler for files: ("perform", folder, request, seconds), ("export", folder, ...)."""
+    """The message handler for files: ("perform", folder, request, seconds), ("export", ...), ("add_eyes", ...)."""
     import torch
 
     from talkingeyes.animation.animator import Animator
@@ -107,6 +107,7 @@ def file_workers(model: str) -> Callable[[Any], Any]:
             sound, 1, animation_request.seed, animation_request.fps, animation_request.controls
         )
         performance.save(folder / "motion.npz")
+        (folder / "request.json").write_text(animation_request.model_dump_json())
         soundfile.write(folder / "sound", sound, SAMPLE_RATE, format="WAV", subtype="PCM_16")
         motion = performance.motion
         rows = pose_rows(head, to_forward_axes(motion))
@@ -117,7 +118,23 @@ def file_workers(model: str) -> Callable[[Any], Any]:
         sound = folder / "sound" if format == "mp4" else None
         convert.export(folder / "motion.npz", file, format=format, sound=sound, force=True)
 
-    handlers: dict[str, Callable[..., Any]] = {"perform": perform, "export": export}
+    def add_eyes(folder: Path, face: Path, eyes: EyesRequest, max_duration_s: float) -> bytes:
+        from talkingeyes.formats.editors.face_file import open_face_file
+        from talkingeyes.workflows.add_eyes import EyeOptions, edit_face
+
+        asked = AnimationRequest.model_validate_json((folder / "request.json").read_text())
+        options = EyeOptions(asked.seed, asked.controls, eyes.keep_head, eyes.blend)
+        try:
+            file = open_face_file(face, eyes.fps)
+            if file.motion.seconds > max_duration_s:
+                raise InputError(f"{face}: should last at most {max_duration_s:g} s, got {file.motion.seconds:.1f} s")
+            return edit_face(file, read_speech(folder / "sound"), animator, options)[0]
+        except InputError as error:
+            raise InputError(str(error).replace(str(face), "the face")) from None
+        finally:
+            face.unlink()
+
+    handlers: dict[str, Callable[..., Any]] = {"perform": perform, "export": export, "add_eyes": add_eyes}
     return lambda message: handlers[message[0]](*message[1:])
 
 

@@ -42,6 +42,14 @@ class AnimationRequest(Settings):
         )
 
 
+class EyesRequest(Settings):
+    """How the eyes of an animation go into a file of another program (workflows/add_eyes.py)."""
+
+    keep_head: bool = False
+    blend: Annotated[float, Field(ge=0, le=1)] = 1.0
+    fps: Annotated[float, Field(ge=10, le=240)] | None = None
+
+
 @dataclass(frozen=True)
 class Limits:
     """Limits of the service."""

@@ -2,6 +2,8 @@
 
     POST /performances?seed=1&...   the body is a sound file; returns id, seconds, fps and frames of the animation
     GET /performances/ID/poses      pose rows (apps/viewer/pose_encoding.py); /sound: its sound as wav; /FORMAT: export
+    POST /performances/ID/faces/csv?blend=1&...   the body is face motion of another program (csv, csv.gz, json, glb,
+                                    vrma, npz, npy); returns it with eyes for the sound of the animation
     WS /stream                      apps/service/live_stream.py
 
 Errors return a status of 400 to 499 and {"error": one line}; overload returns 503. Clients do not choose file names:
@@ -11,6 +13,7 @@ ids are random, and all files are stored in the service's own folder.
 from __future__ import annotations
 
 import asyncio
+import secrets
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -21,7 +24,7 @@ from fastapi import FastAPI, HTTPException, Request, Response
 from fastapi.responses import FileResponse, JSONResponse
 from starlette.exceptions import HTTPException as HTTPError
 
-from talkingeyes.apps.service.animation_request import AnimationRequest, Limits
+from talkingeyes.apps.service.animation_request import AnimationRequest, EyesRequest, Limits
 from talkingeyes.apps.service.live_stream import StreamServer
 from talkingeyes.apps.service.result_cache import ResultCache
 from talkingeyes.apps.service.worker_pool import BusyError, WorkerFailedError, WorkerPool
@@ -29,6 +32,7 @@ from talkingeyes.apps.viewer.assets import Asset, asset
 from talkingeyes.apps.viewer.local_server import create_app
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
+from talkingeyes.formats.editors.face_file import SUFFIXES
 
 ASSETS = Path(__file__).parent / "assets"
 SERVICE_ASSETS = {
@@ -37,6 +41,8 @@ SERVICE_ASSETS = {
     "microphone.js": "text/javascript",
     "live.css": "text/css",
 }
+SOUND = "sound file itself (wav, flac, ogg, mp3, m4a, webm)"
+FACE_ENDINGS = tuple(suffix[1:] for suffix in SUFFIXES)
 VIEWER_ASSETS = ("stage.js", "style.css", "three.js")
 
 
@@ -96,7 +102,7 @@ def _files(app: FastAPI, resources: ServiceResources, limits: Limits, result_cac
     @app.post("/performances")
     async def perform(request: Request) -> dict[str, Any]:
         animation_request = validate_section("request", AnimationRequest, dict(request.query_params))
-        body = await _body(request, limits)
+        body = await _body(request, limits, SOUND, ("multipart/", "text/", "application/json"))
         async with resources.file_workers.acquire() as worker:
             with result_cache.entry() as entry:
                 (entry.folder / "upload").write_bytes(body)
@@ -104,6 +110,20 @@ def _files(app: FastAPI, resources: ServiceResources, limits: Limits, result_cac
                     ("perform", entry.folder, animation_request, limits.max_speech_s), limits.work_timeout_s
                 )
         return {"id": entry.name, **made}
+
+    @app.post("/performances/{name}/faces/{ending}")
+    async def add_eyes(name: str, ending: str, request: Request) -> Response:
+        asked = validate_section("request", EyesRequest, dict(request.query_params))
+        result_cache.find(name)
+        if ending not in FACE_ENDINGS:
+            raise HTTPException(404, f"should be one of {', '.join(FACE_ENDINGS)}, got {ending[:40]!r}")
+        body = await _body(request, limits, "face motion itself", ("multipart/",))
+        async with resources.file_workers.acquire() as worker:
+            folder = result_cache.find(name)  # which may have been removed by now
+            face = folder / f"{secrets.token_hex(8)}.{ending}"
+            face.write_bytes(body)
+            content = await worker.call(("add_eyes", folder, face, asked, limits.max_speech_s), limits.work_timeout_s)
+        return Response(content, media_type="application/octet-stream")
 
     @app.get("/performances/{name}/{what}")
     async def download(name: str, what: str) -> Response:
@@ -121,10 +141,10 @@ def _files(app: FastAPI, resources: ServiceResources, limits: Limits, result_cac
         )
 
 
-async def _body(request: Request, limits: Limits) -> bytes:
-    """The sound file in the body of a request."""
-    if request.headers.get("content-type", "").startswith(("multipart/", "text/", "application/json")):
-        raise HTTPException(415, "the body should be the sound file itself (wav, flac, ogg, mp3, m4a, webm)")
+async def _body(request: Request, limits: Limits, what: str, refused: tuple[str, ...]) -> bytes:
+    """The file in the body of a request."""
+    if request.headers.get("content-type", "").startswith(refused):
+        raise HTTPException(415, f"the body should be the {what}")
     too_big = HTTPException(413, f"a file should have at most {limits.max_upload_bytes} bytes")
     claimed = request.headers.get("content-length", "0")
     if claimed.isdigit() and int(claimed) > limits.max_upload_bytes:

@@ -7,6 +7,7 @@ are driven by the shapes of the Eyelid model, closure is computed from the weigh
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
 from talkingeyes.formats.readers.flame_parameters import EXPRESSION
+from talkingeyes.formats.rotations import compose_rotations
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.anny_build import JAW_OPEN_RAD
 from talkingeyes.head.eyelid.blendshapes import eyelid_weights
@@ -43,6 +45,29 @@ class Track:
 
     times_s: Float[ndarray, " K"]
     values: Float[ndarray, "K C"]
+
+
+@dataclass(frozen=True)
+class RestRotation:
+    """The rotation of a node at rest: that of its parent in the file's axes, and its own in its parent.
+
+    Rigs of other programs have bones with axes of their own, so a turn of the head about the file's axes is another
+    rotation in the axes of the bone.
+    """
+
+    parent: Rotation
+    own: Rotation
+
+    def to_file_axes(self, local: Rotation) -> Rotation:
+        """The turn from rest, about the file's axes, of a rotation of the node."""
+        return self.parent * local * self.own.inv() * self.parent.inv()
+
+    def from_file_axes(self, turn: Rotation) -> Rotation:
+        """The inverse of `to_file_axes`."""
+        return self.parent.inv() * turn * self.parent * self.own
+
+
+AT_REST = RestRotation(Rotation.identity(), Rotation.identity())
 
 
 @dataclass(frozen=True)
@@ -81,11 +106,50 @@ class GltfDocument:
                 raise InputError(f"{self.path}: animation should have at most {MAX_ARRAY_BYTES:,} bytes of keys")
         return found
 
+    def animated_joints(self, tracks: dict[tuple[int, str], Track]) -> dict[str, int | None]:
+        """Nodes that turn head, jaw and eyes, by our names."""
+        return {
+            ours: next((node for node in self.named_nodes(theirs) if (node, "rotation") in tracks), None)
+            for ours, theirs in JOINT_ALIASES.items()
+        }
+
+    def named_nodes(self, names: tuple[str, ...]) -> list[int]:
+        """The nodes of these names, in the order of the names."""
+        found = [node.get("name", "") for node in self.content["nodes"]]
+        return [found.index(name) for name in names if name in found]
+
+    def turns(
+        self, tracks: dict[tuple[int, str], Track], node: int | None, times: Float[ndarray, " T"]
+    ) -> Float[ndarray, "T 3"]:
+        """Rotation vectors of a node from rest, about the axes of the file; 0 if it is not animated."""
+        track = None if node is None else tracks.get((node, "rotation"))
+        if node is None or track is None:
+            return np.zeros((len(times), 3))
+        return turns(track, times, self.rest_rotation(node))
+
+    def rest_rotation(self, node: int) -> RestRotation:
+        """The rotation of a node at rest. Raises InputError if the nodes are not a tree."""
+        nodes = self.content["nodes"]
+        parents = {child: index for index, each in enumerate(nodes) for child in each.get("children", ())}
+        above, place, steps = Rotation.identity(), parents.get(node), 0
+        while place is not None:
+            above, place, steps = _own_rotation(nodes[place]) * above, parents.get(place), steps + 1
+            if steps > len(nodes):
+                raise InputError(f"{self.path}: nodes should form a tree")
+        return RestRotation(above, _own_rotation(nodes[node]))
+
+
+def _own_rotation(node: dict[str, Any]) -> Rotation:
+    if "matrix" in node:
+        axes = np.array(node["matrix"], np.float64).reshape(4, 4).T[:3, :3]
+        return Rotation.from_matrix(axes / np.linalg.norm(axes, axis=0))
+    return Rotation.from_quat(node.get("rotation", (0.0, 0.0, 0.0, 1.0)))
+
 
 def read_gltf(path: Path, fps: float | None = None) -> Motion:
     """Read the motion of a .glb or .vrma. Raises InputError if it holds no animation of a head."""
     try:
-        document = _opened(path)
+        document = open_gltf(path)
         tracks = document.tracks()
         return (
             _vrm(document, tracks, fps)
@@ -98,7 +162,8 @@ def read_gltf(path: Path, fps: float | None = None) -> Motion:
         raise InputError(f"{path}: not a GLB with an animation ({error!r})") from None
 
 
-def _opened(path: Path) -> GltfDocument:
+def open_gltf(path: Path) -> GltfDocument:
+    """Open a binary glTF 2.0 file. Raises InputError (one line) for anything else."""
     data = read_bytes(path)
     if data[:8] != b"glTF" + struct.pack("<I", 2) or len(data) < 28:
         raise InputError(f"{path}: should be a binary glTF 2.0 file (.glb, .vrma)")
@@ -108,33 +173,24 @@ def _opened(path: Path) -> GltfDocument:
 
 def _head(document: GltfDocument, tracks: dict[tuple[int, str], Track], fps: float | None) -> Motion:
     names = [node.get("name", "") for node in document.content["nodes"]]
-    joints = {
-        ours: next(
-            (
-                tracks[names.index(n), "rotation"]
-                for n in theirs
-                if n in names and (names.index(n), "rotation") in tracks
-            ),
-            None,
-        )
-        for ours, theirs in JOINT_ALIASES.items()
-    }
+    joints = document.animated_joints(tracks)
     weights = next(((node, track) for (node, path), track in tracks.items() if path == "weights"), None)
-    known = [track for track in (*joints.values(), weights[1] if weights else None) if track is not None]
+    known = [tracks[node, "rotation"] for node in joints.values() if node is not None]
+    known += [weights[1]] if weights else []
     if not known:
         raise InputError(
             f"{document.path}: should animate a joint such as {', '.join(JOINT_ALIASES)}, got {', '.join(names[:6])}"
         )
-    rate, times = _grid(known[0], fps)
-    turned = {ours: _turns(track, times) for ours, track in joints.items()}
+    rate, times = frame_grid(known, fps)
+    turned = {ours: document.turns(tracks, node, times) for ours, node in joints.items()}
     shapes: dict[str, ndarray] = {}
     if weights is not None:
         mesh = document.content["meshes"][document.content["nodes"][weights[0]]["mesh"]]
         targets = mesh.get("extras", {}).get("targetNames", [])
-        shapes = dict(zip(targets, _sampled(weights[1], times).T, strict=True))
+        shapes = dict(zip(targets, sampled(weights[1], times).T, strict=True))
     root = tracks.get((names.index("root"), "translation")) if "root" in names else None
-    rest = document.content["nodes"][names.index("root")].get("translation", [0, 0, 0]) if root else [0, 0, 0]
-    shift = np.zeros((len(times), 3)) if root is None else _sampled(root, times) - np.array(rest)
+    place = document.content["nodes"][names.index("root")].get("translation", [0, 0, 0]) if root else [0, 0, 0]
+    shift = np.zeros((len(times), 3)) if root is None else sampled(root, times) - np.array(place)
     gaze = np.stack([turned["left_eye"], turned["right_eye"]], axis=1)
     return motion_from_shapes(rate, turned["head"], gaze, turned["jaw"], shift, shapes)
 
@@ -177,26 +233,27 @@ def motion_from_shapes(
 def _vrm(document: GltfDocument, tracks: dict[tuple[int, str], Track], fps: float | None) -> Motion:
     content = document.content["extensions"][VRM_EXTENSION]
     bones, shown = content["humanoid"]["humanBones"], content.get("expressions", {}).get("preset", {})
-    turning = {name: tracks.get((bones[name]["node"], "rotation")) for name in ("head", "neck") if name in bones}
+    nodes = {name: bones[name]["node"] for name in ("head", "neck") if name in bones}
+    turning = [tracks.get((node, "rotation")) for node in nodes.values()]
     looking = tracks.get((content["lookAt"]["node"], "rotation")) if "lookAt" in content else None
     weights = {name: tracks.get((place["node"], "translation")) for name, place in shown.items()}
-    known = [track for track in (looking, *turning.values(), *weights.values()) if track is not None]
+    known = [track for track in (looking, *turning, *weights.values()) if track is not None]
     if not known:
         raise InputError(f"{document.path}: should animate the head, the look-at or expressions, got none")
-    rate, times = _grid(known[0], fps)
-    head = Rotation.from_rotvec(_turns(turning.get("neck"), times)) * Rotation.from_rotvec(
-        _turns(turning.get("head"), times)
-    )
+    rate, times = frame_grid(known, fps)
+    neck, skull = (document.turns(tracks, nodes.get(name), times) for name in ("neck", "head"))
+    head = compose_rotations(neck, skull)
 
     def weight(*names: str) -> ndarray:
         track = next((weights[name] for name in names if weights.get(name) is not None), None)
-        return np.zeros(len(times)) if track is None else _sampled(track, times)[:, 0]
+        return np.zeros(len(times)) if track is None else sampled(track, times)[:, 0]
 
     jaw = np.zeros((len(times), 3))
     jaw[:, 0] = JAW_OPEN_RAD * weight("aa")
-    gaze = np.repeat(_turns(looking, times)[:, None], 2, axis=1)
+    looks = np.zeros((len(times), 3)) if looking is None else turns(looking, times)
+    gaze = np.repeat(looks[:, None], 2, axis=1)
     lid = np.stack([weight("blinkLeft", "blink"), weight("blinkRight", "blink")], axis=1)
-    return Motion.of(rate, np.asarray(head.as_rotvec()), gaze, lid=lid, jaw=jaw)
+    return Motion.of(rate, head, gaze, lid=lid, jaw=jaw)
 
 
 def count_frames(span_s: float, fps: float) -> int:
@@ -206,8 +263,12 @@ def count_frames(span_s: float, fps: float) -> int:
     return round(span_s * fps) + 1
 
 
-def _grid(track: Track, fps: float | None) -> tuple[float, Float[ndarray, " T"]]:
-    """Frame rate (of the track, unless given) and frame times."""
+def frame_grid(tracks: Sequence[Track], fps: float | None) -> tuple[float, Float[ndarray, " T"]]:
+    """Frame rate (of the track with most keys, unless given) and frame times.
+
+    Exporters write two keys for what does not move.
+    """
+    track = max(tracks, key=lambda each: len(each.times_s))
     steps = np.diff(track.times_s)
     if fps is None and (not len(steps) or np.ptp(steps) > 0.1 * np.median(steps)):
         raise InputError("animation: keys should be evenly spaced, got uneven ones; set --fps")
@@ -217,15 +278,14 @@ def _grid(track: Track, fps: float | None) -> tuple[float, Float[ndarray, " T"]]
     return rate, track.times_s[0] + np.arange(frames) / rate
 
 
-def _sampled(track: Track, times: Float[ndarray, " T"]) -> Float[ndarray, "T C"]:
+def sampled(track: Track, times: Float[ndarray, " T"]) -> Float[ndarray, "T C"]:
+    """Values of a track at times, linearly interpolated."""
     return np.stack([np.interp(times, track.times_s, column) for column in track.values.T], axis=1)
 
 
-def _turns(track: Track | None, times: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
-    """Rotation vectors of a track of quaternions, with spherical interpolation."""
-    if track is None:
-        return np.zeros((len(times), 3))
-    keys = Rotation.from_quat(track.values)
+def turns(track: Track, times: Float[ndarray, " T"], rest: RestRotation = AT_REST) -> Float[ndarray, "T 3"]:
+    """Rotation vectors of a track of quaternions, from rest about the file's axes, with spherical interpolation."""
+    keys = rest.to_file_axes(Rotation.from_quat(track.values))
     if len(track.times_s) == 1:
         return np.repeat(keys.as_rotvec(), len(times), axis=0)
     return np.asarray(Slerp(track.times_s, keys)(np.clip(times, track.times_s[0], track.times_s[-1])).as_rotvec())

@@ -7,6 +7,9 @@ read as radians (as degrees it would be 0.65), and the yaw of an eye is negative
 The sign of pitch is that of public players; that of roll is not known from any recording. Angles are those of R = Ry Rx
 Rz. If the angle columns are empty, as in takes without rotations, the look coefficients give the gaze. If the angles
 contradict the coefficients in sign or unit, they are corrected, because other programs write other conventions.
+
+Audio2Face-3D's client writes the same coefficients without eye angles (`animation_frames.csv`): `timeCode` in seconds,
+`blendShapes.EyeBlinkLeft`, ...
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray
 
 from talkingeyes.core import rotation
@@ -32,6 +35,7 @@ ANGLE_COLUMNS = tuple(
 ANGLE_SIGNS = np.array([-1.0, 1.0, 1.0])  # of yaw, pitch, roll, from Live Link's to `euler_yxz`
 BLENDSHAPE_COUNT = 61
 TIMECODE = re.compile(r"(\d+):(\d+):(\d+):(\d+(?:\.\d+)?)")
+SECONDS = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
 TIMECODE_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 240)  # frame rates of time codes
 TIMING_TOLERANCE_S = 0.003  # maximum deviation from even time steps
 MAX_RADIAN_SLOPE = 5.0  # a larger slope (angle per look coefficient) means degrees
@@ -46,27 +50,39 @@ class TakeTiming:
     times_s: Float[ndarray, " T"]
 
 
+@dataclass(frozen=True)
+class Take:
+    """The rows of a file: coefficients, the nine angles (0 if it has none), timing."""
+
+    coefficients: Float[ndarray, "T 52"]
+    angles: Float[ndarray, "T 9"]
+    timing: TakeTiming
+
+    @property
+    def frames(self) -> Int[ndarray, " T"]:
+        """The frame of each row, on even steps; dropped frames have no row."""
+        return np.rint(self.timing.times_s * self.timing.fps).astype(int)
+
+    @property
+    def factors(self) -> Float[ndarray, " 9"]:
+        """Factors from the angles of the file to those of `euler_yxz`, in radians."""
+        turned = self.angles[:, 3:].reshape(-1, 2, 3) * ANGLE_SIGNS
+        eyes = angle_factors(turned, arkit.decoded(self.coefficients).gaze)
+        return np.asarray(np.concatenate([np.abs(eyes), eyes, eyes]) * np.tile(ANGLE_SIGNS, 3))
+
+
 def read_live_link(path: Path, fps: float | None = None) -> Motion:
     """Read a take. Raises InputError if it is invalid, or if its rate does not follow from its time codes."""
-    table = tables.read(path)
-    found = {name.lower(): name for name in table.names}
-    if not all(f"eyelook{way}{side}" in found for way in ("in", "out") for side in ("left", "right")):
-        raise InputError(f"{path}: should have columns EyeLookInLeft, ..., got {', '.join(table.names[:5])}, ...")
-    values = np.stack(
-        [table.column(found[n.lower()]) if n.lower() in found else np.zeros(len(table)) for n in arkit.NAMES], axis=1
-    )
-    angles = np.stack(
-        [table.column(found[n.lower()]) if n.lower() in found else np.zeros(len(table)) for n in ANGLE_COLUMNS], axis=1
-    )
-    timing = _clock(path, table.texts(found["timecode"]) if "timecode" in found else (), len(table), fps)
+    take = read_take(path, fps)
+    timing = take.timing
     grid_s = np.arange(int(timing.times_s[-1] * timing.fps + 1.5)) / timing.fps
-    values, angles = (_fill_dropped(grid_s, timing.times_s, each) for each in (values, angles))
+    table = np.concatenate([take.coefficients, take.angles * take.factors], axis=1)
+    values, angles = np.split(_fill_dropped(grid_s, timing.times_s, table), [len(arkit.NAMES)], axis=1)
     decoded = arkit.decoded(values)
-    head = from_euler_yxz(angles[:, :3] * ANGLE_SIGNS)
-    gaze = _gaze(angles[:, 3:].reshape(-1, 2, 3) * ANGLE_SIGNS, decoded.gaze)
+    gaze = from_euler_yxz(angles[:, 3:].reshape(-1, 3)).reshape(-1, 2, 3) if angles[:, 3:].any() else decoded.gaze
     return Motion.of(
         timing.fps,
-        head,
+        from_euler_yxz(angles[:, :3]),
         gaze,
         lid=decoded.lid,
         jaw=decoded.jaw,
@@ -75,23 +91,43 @@ def read_live_link(path: Path, fps: float | None = None) -> Motion:
     )
 
 
-def _gaze(turned: Float[ndarray, "T 2 3"], looks: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 2 3"]:
-    """Gaze from the angles, with the sign and unit of the look coefficients; from these if there are no angles."""
-    if not turned.any():
-        return looks
+def read_take(path: Path, fps: float | None = None) -> Take:
+    """The rows of a file, as they are; the names of columns may have a prefix, as in Audio2Face's `blendShapes.`."""
+    table = tables.read(path)
+    found = {name.rpartition(".")[2].lower(): name for name in table.names}
+    if not all(f"eyelook{way}{side}" in found for way in ("in", "out") for side in ("left", "right")):
+        raise InputError(f"{path}: should have columns EyeLookInLeft, ..., got {', '.join(table.names[:5])}, ...")
+    values = np.stack(
+        [
+            table.column(found[name.lower()]) if name.lower() in found else np.zeros(len(table))
+            for name in (*arkit.NAMES, *ANGLE_COLUMNS)
+        ],
+        axis=1,
+    )
+    codes = table.texts(found["timecode"]) if "timecode" in found else ()
+    coefficients, angles = np.split(values, [len(arkit.NAMES)], axis=1)
+    return Take(coefficients, angles, _clock(path, codes, len(table), fps))
+
+
+def angle_factors(turned: Float[ndarray, "T 2 3"], looks: Float[ndarray, "T 2 3"]) -> Float[ndarray, " 3"]:
+    """Factors from the angles of a file (in `euler_yxz` order) to radians of the sign that the look coefficients say.
+
+    Yaw and pitch can have either sign; a file in degrees is so in all three angles. 1 where nothing says otherwise.
+    """
     stated = rotation.gaze_to_angles(looks) / arkit.LOOK_RANGE_RAD * [1.0, -1.0]  # yaw to the left, pitch down
-    angles = turned.copy()
+    signs, unit = np.ones(3), 1.0
     for axis in range(2):
-        if stated[..., axis].std() > MIN_LOOK_SD:
+        if turned.any() and stated[..., axis].std() > MIN_LOOK_SD:
             slope = float(np.polyfit(stated[..., axis].ravel(), turned[..., axis].ravel(), 1)[0])
-            angles[..., axis] *= -1.0 if slope < 0 else 1.0
-            if abs(slope) > MAX_RADIAN_SLOPE:
-                angles[..., axis] = np.radians(angles[..., axis])
-    return from_euler_yxz(angles.reshape(-1, 3)).reshape(-1, 2, 3)
+            signs[axis] = -1.0 if slope < 0 else 1.0
+            unit = np.pi / 180 if abs(slope) > MAX_RADIAN_SLOPE else unit
+    return signs * unit
 
 
 def _clock(path: Path, codes: tuple[str, ...], rows: int, fps: float | None) -> TakeTiming:
     """Timing by time codes, at the rate for which steps are even; without time codes, by `fps`."""
+    if rows > 1 and codes and all(SECONDS.fullmatch(code.strip()) for code in codes):
+        return _seconds(path, np.array(codes, np.float64), fps)
     read = [TIMECODE.fullmatch(code.strip()) for code in codes]
     if rows < 2 or (read and not all(read)):
         raise InputError(f"{path}: should hold two or more frames with time codes like 18:48:59:39.473")
@@ -114,6 +150,14 @@ def _clock(path: Path, codes: tuple[str, ...], rows: int, fps: float | None) -> 
                 counted = np.round(steps / step).sum()
                 return TakeTiming(_round_rate(counted / float(times[-1])) if fps is None else fps, times)
     raise InputError(f"{path}: the rate should follow from its time codes (is the take too short?); set --fps")
+
+
+def _seconds(path: Path, seconds: Float[ndarray, " T"], fps: float | None) -> TakeTiming:
+    """Timing by seconds, as Audio2Face's client writes them."""
+    times, steps = seconds - seconds[0], np.diff(seconds)
+    if not ((steps > 0).all() and _is_even(steps)):
+        raise InputError(f"{path}: time codes should rise in even steps, got steps of {steps.min():g} s")
+    return TakeTiming(_round_rate(1 / float(np.median(steps))) if fps is None else fps, times)
 
 
 def _is_even(steps: Float[ndarray, " T"]) -> bool:

@@ -68,23 +68,30 @@ class Gltf:
         samplers: list[dict[str, Any]] = []
         targets = []
         for (node, path), values in channels.items():
-            output = self.accessor(
-                values.astype(np.float32).reshape(-1) if path == "weights" else values.astype(np.float32)
-            )
+            output = self.keys(path, values)
             targets.append({"sampler": len(samplers), "target": {"node": node, "path": path}})
             samplers.append({"input": times, "output": output, "interpolation": "LINEAR"})
         self.add("animations", {"name": "motion", "channels": targets, "samplers": samplers})
 
+    def keys(self, path: str, values: Float[ndarray, "T C"]) -> int:
+        """Add the values of a channel."""
+        numbers = values.astype(np.float32)
+        return self.accessor(numbers.reshape(-1) if path == "weights" else numbers)
+
     def save(self, path: Path) -> None:
         """Write the file atomically."""
+        with atomic_write(path) as partial:
+            partial.write_bytes(self.encoded())
+
+    def encoded(self) -> bytes:
+        """The file as bytes."""
         binary = b"".join(self.blocks)
         document = {**self.document, "buffers": [{"byteLength": len(binary)}]}
         text = json.dumps(document, separators=(",", ":")).encode()
         text += b" " * (-len(text) % 4)
-        with atomic_write(path) as partial, partial.open("wb") as file:
-            file.write(struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(binary)))
-            file.write(struct.pack("<I4s", len(text), b"JSON") + text)
-            file.write(struct.pack("<I4s", len(binary), b"BIN\0") + binary)
+        head = struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(binary))
+        chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0")
+        return head + chunks + binary
 
     def _view(self, array: ndarray, target: int | None) -> int:
         data = np.ascontiguousarray(array).tobytes()

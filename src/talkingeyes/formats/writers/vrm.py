@@ -10,6 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.core import rotation
@@ -51,13 +52,11 @@ def write_vrm(motion: Motion, path: Path) -> None:
     weights = expressions(motion)
     shown = {name: gltf.node(name) for name in weights}
     gltf.document["scenes"][0]["nodes"] = [bones["hips"], looking, *shown.values()]
-    space = rotation.cyclopean_gaze(rotation.gaze_to_angles(motion.gaze))
-    turned = from_euler_yxz(np.stack([space[:, 0], -space[:, 1], np.zeros(len(motion))], axis=1))
     still = np.zeros((len(motion), 2))
     gltf.animate(
         {
             (bones["head"], "rotation"): quaternions(motion.head),
-            (looking, "rotation"): quaternions(turned),
+            (looking, "rotation"): quaternions(look_at(motion)),
             **{(shown[name], "translation"): np.column_stack([column, still]) for name, column in weights.items()},
         },
         motion.fps,
@@ -72,6 +71,12 @@ def write_vrm(motion: Motion, path: Path) -> None:
         }
     }
     gltf.save(path)
+
+
+def look_at(motion: Motion) -> Float[ndarray, "T 3"]:
+    """Rotation vectors of the look-at node: the mean direction of both eyes, in the head."""
+    angles = rotation.cyclopean_gaze(rotation.gaze_to_angles(motion.gaze))
+    return from_euler_yxz(np.stack([angles[:, 0], -angles[:, 1], np.zeros(len(motion))], axis=1))
 
 
 def expressions(motion: Motion) -> dict[str, ndarray]:

@@ -1,0 +1,70 @@
+"""A file of another program, opened for new eyes: the editor of its format, by its ending and content.
+
+.csv, .csv.gz  table.py      .json  json_text.py      .glb, .vrma  gltf.py      .npz, .npy  flame.py
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from talkingeyes.animation.line_of_sight import to_forward_axes
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.formats.editors import flame, gltf, json_text, table
+from talkingeyes.formats.editors.channels import AddedEyes
+from talkingeyes.formats.readers.forward_axis import default_forward_axis
+from talkingeyes.formats.readers.read_motion import read_motion
+
+SUFFIXES = (".csv", ".csv.gz", ".json", ".glb", ".vrma", ".npz", ".npy")
+
+
+@runtime_checkable
+class Editor(Protocol):
+    """What an editor does: it says whether its file has a head, and writes eyes and head into a copy of the file."""
+
+    @property
+    def has_head(self) -> bool: ...
+
+    def edited(self, added: AddedEyes) -> bytes: ...
+
+
+@dataclass(frozen=True)
+class FaceFile:
+    """A file with its editor.
+
+    `motion` is what it holds (gaze: optical axes), `format` the name of its format, and `forward_axis` what the forward
+    axes of its eyes are: `visual` or `optical`.
+    """
+
+    format: str
+    motion: Motion
+    forward_axis: str
+    editor: Editor
+
+
+def open_face_file(path: Path, fps: float | None = None, eyes: str | None = None) -> FaceFile:
+    """Open a file for new eyes. `fps` and `eyes` are as in `read_motion`.
+
+    Raises InputError (one line) for a file that cannot be read, or has no place for eyes.
+    """
+    if not path.name.lower().endswith(SUFFIXES):
+        raise InputError(f"{path}: should end in one of {', '.join(SUFFIXES)}")
+    read = read_motion(path, fps, eyes=eyes)
+    forward_axis = eyes or default_forward_axis(path, read.format)
+    own = to_forward_axes(read.motion, forward_axis)
+    editors: dict[str, Callable[[], Editor]] = {
+        "flame": lambda: flame.open_flame_npz(path, own),
+        "flame array": lambda: flame.open_flame_array(path, own),
+        "arkit": lambda: json_text.open_json(path),
+        "gltf": lambda: gltf.open_gltf_file(path, own),
+    }
+    try:
+        editor = editors.get(read.format, lambda: table.open_table(path, read.format, len(own), fps))()
+    except (ValueError, KeyError, IndexError, TypeError) as error:  # errors that no editor handles
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: not a {read.format} file that can be edited ({error!r})") from None
+    return FaceFile(read.format, read.motion, forward_axis, editor)

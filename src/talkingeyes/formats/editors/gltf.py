@@ -1,0 +1,264 @@
+"""Edits the animation of a GLB or a VRM animation: channels of eyes, lids and head; all other data keep their bytes.
+
+The binary buffer stays as it is and new keys are appended, so a channel of lips reads the numbers that it read before.
+Weights of one mesh are one channel, so that of a face is written again, with the other columns unchanged.
+
+Which channels turn the eyes of a GLB: those that move in the file; where none does, look coefficients if the face has
+them, otherwise joints. Heads with the shapes of the Eyelid model (ours) have joints for eyes and these shapes for lids.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.formats import arkit
+from talkingeyes.formats.editors.channels import AddedEyes, channel_name, eye_channels
+from talkingeyes.formats.readers.gltf import (
+    JOINT_ALIASES,
+    VRM_EXTENSION,
+    GltfDocument,
+    Track,
+    open_gltf,
+    sampled,
+    turns,
+)
+from talkingeyes.formats.rotations import compose_rotations, quaternions
+from talkingeyes.formats.writers import vrm
+from talkingeyes.formats.writers.gltf import Gltf
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.eyelid.blendshapes import LID_SHAPES
+from talkingeyes.head.posing import motion_to_pose
+
+HEAD_NAMES = ("head", "Head", "neck", "Neck")  # of joints that nothing turns yet
+LOOK_PRESETS = ("lookUp", "lookDown", "lookLeft", "lookRight")  # of VRM, beside the look-at
+STILL = 1e-6
+
+Channels = dict[tuple[int, str], Float[ndarray, "T C"]]
+
+
+@dataclass(frozen=True)
+class GltfFile:
+    """A file with an animation, and the times of its frames."""
+
+    document: GltfDocument
+    tracks: dict[tuple[int, str], Track]
+    times_s: Float[ndarray, " T"]
+
+    @property
+    def has_head(self) -> bool:
+        return self._head_node() is not None
+
+    def edited(self, added: AddedEyes) -> bytes:
+        """The file with eyes and head."""
+        content, binary = self.document.content, self.document.binary
+        size = content["buffers"][0]["byteLength"]
+        used = binary[:size] + b"\0" * (-size % 4)
+        gltf = Gltf(document=deepcopy(content), blocks=[used], size=len(used))
+        is_vrm = VRM_EXTENSION in content.get("extensions", {})
+        channels = self._vrm(gltf, added) if is_vrm else self._eyes(added) | self._faces(added)
+        if added.with_head:
+            channels |= self._head(added)
+        if added.share == 0:
+            channels = {target: values for target, values in channels.items() if target not in self.tracks}
+        self._write(gltf, channels)
+        return gltf.encoded()
+
+    def _write(self, gltf: Gltf, channels: Channels) -> None:
+        """Replace or add channels of the first animation; a channel with a key for each frame keeps its times."""
+        animation = gltf.document["animations"][0]
+        times: int | None = None
+        for (node, path), values in channels.items():
+            target = {"node": node, "path": path}
+            channel = next((each for each in animation["channels"] if _is_at(each, node, path)), None)
+            track = self.tracks.get((node, path))
+            if channel is not None and track is not None and self._has_key_per_frame(track):
+                given = animation["samplers"][channel["sampler"]]["input"]
+            else:
+                times = gltf.accessor(self.times_s.astype(np.float32)) if times is None else times
+                given = times
+            sampler = {"input": given, "output": gltf.keys(path, values), "interpolation": "LINEAR"}
+            animation["samplers"].append(sampler)
+            if channel is None:
+                animation["channels"].append({"sampler": len(animation["samplers"]) - 1, "target": target})
+            else:
+                channel["sampler"] = len(animation["samplers"]) - 1
+
+    def _has_key_per_frame(self, track: Track) -> bool:
+        return len(track.times_s) == len(self.times_s)
+
+    def _turned(self, node: int, turn: Float[ndarray, "T 3"], added: AddedEyes) -> Channels:
+        """The channel of a node, for turns from rest about the axes of the file."""
+        if (node, "rotation") in self.tracks:
+            turn = added.mixed_turns(self.document.turns(self.tracks, node, self.times_s), turn)
+        local = self.document.rest_rotation(node).from_file_axes(Rotation.from_rotvec(turn))
+        return {(node, "rotation"): quaternions(np.asarray(local.as_rotvec()))}
+
+    def _head_node(self) -> int | None:
+        extension = self.document.content.get("extensions", {}).get(VRM_EXTENSION)
+        if extension is not None:
+            found = extension["humanoid"]["humanBones"].get("head")
+            return None if found is None else int(found["node"])
+        animated = self.document.animated_joints(self.tracks)["head"]
+        return animated if animated is not None else next(iter(self._joints(HEAD_NAMES)), None)
+
+    def _head(self, added: AddedEyes) -> Channels:
+        node = self._head_node()
+        if node is None:
+            return {}
+        turn = added.motion.head
+        bones = self.document.content.get("extensions", {}).get(VRM_EXTENSION, {}).get("humanoid", {}).get("humanBones")
+        if bones and "neck" in bones:  # which the file may turn, too
+            turn = compose_rotations(-self.document.turns(self.tracks, bones["neck"]["node"], self.times_s), turn)
+        return self._turned(node, turn, added)
+
+    def _joints(self, names: tuple[str, ...]) -> list[int]:
+        """Nodes of these names that are joints of a skin, or any if there is no skin."""
+        skins = self.document.content.get("skins", ())
+        joints = {joint for skin in skins for joint in skin["joints"]}
+        return [node for node in self.document.named_nodes(names) if node in joints or not skins]
+
+    def _eyes(self, added: AddedEyes) -> Channels:
+        channels: Channels = {}
+        for eye, node in enumerate(self._eye_nodes()):
+            channels |= self._turned(node, added.motion.gaze[:, eye], added)
+        return channels
+
+    def _eye_nodes(self) -> tuple[int, ...]:
+        """The joints of both eyes, left and right, if these turn the eyes."""
+        found = [next(iter(self._joints(JOINT_ALIASES[f"{side}_eye"])), None) for side in ("left", "right")]
+        nodes = tuple(node for node in found if node is not None)
+        if len(nodes) < 2:
+            return ()
+        moves = any(_moves(self.tracks.get((node, "rotation"))) for node in nodes)
+        looks = any("eyelookupleft" in names for names in self._face_names().values())
+        lids = any(LID_SHAPES[0].lower() in names for names in self._face_names().values())
+        return nodes if moves or lids or not looks else ()
+
+    def _face_names(self) -> dict[int, list[str]]:
+        """Nodes with a mesh that has shapes of eyes, and the names of its shapes."""
+        found = {}
+        for index, node in enumerate(self.document.content["nodes"]):
+            if "mesh" in node:
+                mesh = self.document.content["meshes"][node["mesh"]]
+                names = [channel_name(str(name)) for name in mesh.get("extras", {}).get("targetNames", ())]
+                if any(name.startswith(("eyeblink", "eyelook")) for name in names):
+                    found[index] = names
+        return found
+
+    def _faces(self, added: AddedEyes) -> Channels:
+        """Weights of the faces, with new columns of eyes and lids."""
+        channels: Channels = {}
+        looks_turn_eyes = not self._eye_nodes()
+        for node, names in self._face_names().items():
+            track = self.tracks.get((node, "weights"))
+            weights = np.zeros((len(self.times_s), len(names))) if track is None else self._kept(track)
+            if weights.shape[1] != len(names):
+                raise InputError(
+                    f"{self.document.path}: weights should be {len(names)} a frame, got {weights.shape[1]}"
+                )
+            moving = track is not None and any(
+                np.ptp(weights[:, column]) > STILL for column, name in enumerate(names) if name.startswith("eyelook")
+            )
+            for name, values in _shapes(added.motion, names, looks_turn_eyes or moving).items():
+                column = names.index(name)
+                weights[:, column] = values if track is None else added.mixed(weights[:, column], values)
+            channels[node, "weights"] = weights
+        return channels
+
+    def _kept(self, track: Track) -> Float[ndarray, "T C"]:
+        return track.values.copy() if self._has_key_per_frame(track) else sampled(track, self.times_s)
+
+    def _vrm(self, gltf: Gltf, added: AddedEyes) -> Channels:
+        """Look-at and blinks; nodes that the file lacks are added. ARKit's names among its own expressions get ours."""
+        extension = gltf.document["extensions"][VRM_EXTENSION]
+        shown = extension.setdefault("expressions", {})
+        preset, custom = shown.setdefault("preset", {}), shown.get("custom", {})
+        animated = {
+            name: place["node"]
+            for name, place in (*custom.items(), *preset.items())
+            if (place["node"], "translation") in self.tracks
+        }
+        ours, still = eye_channels(added.motion), np.zeros(len(self.times_s))
+        shapes = {name: ours[channel_name(name)] for name in animated if name in custom and channel_name(name) in ours}
+        weights = shapes | {name: still for name in ("blink", *LOOK_PRESETS) if name in animated}
+        if not any(channel_name(name).startswith("eyeblink") for name in shapes):
+            weights |= {name: each for name, each in vrm.expressions(added.motion).items() if name.startswith("blink")}
+        channels: Channels = {}
+        for name, values in weights.items():
+            if name not in animated and name not in preset:
+                preset[name] = {"node": _root(gltf, name)}
+            channels |= self._expression(animated[name] if name in animated else preset[name]["node"], values, added)
+        if any(channel_name(name).startswith("eyelook") for name in shapes) and "lookAt" not in extension:
+            return channels  # the eyes are turned by expressions
+        if "lookAt" not in extension:
+            extension["lookAt"] = {"node": _root(gltf, "lookAt"), "offsetFromHeadBone": vrm.OFFSET_FROM_HEAD}
+        looks, node = vrm.look_at(added.motion), extension["lookAt"]["node"]
+        if (node, "rotation") in self.tracks:  # players take it as it is, whatever the node's rotation at rest
+            looks = added.mixed_turns(turns(self.tracks[node, "rotation"], self.times_s), looks)
+        return channels | {(node, "rotation"): quaternions(looks)}
+
+    def _expression(self, node: int, values: Float[ndarray, " T"], added: AddedEyes) -> Channels:
+        """The channel of an expression: its weight is the x of a translation."""
+        track = self.tracks.get((node, "translation"))
+        moved = np.zeros((len(self.times_s), 3)) if track is None else self._kept(track)
+        moved[:, 0] = values if track is None else added.mixed(moved[:, 0], values)
+        return {(node, "translation"): moved}
+
+
+def open_gltf_file(path: Path, own: Motion) -> GltfFile:
+    """Open a file that was read as `own`. Raises InputError (one line) if it has nothing that could be eyes."""
+    document = open_gltf(path)
+    buffers = document.content["buffers"]
+    if len(buffers) != 1 or "uri" in buffers[0]:
+        raise InputError(f"{path}: should have one buffer, in the file itself, got {len(buffers)}")
+    tracks = document.tracks()
+    times = own_times(tracks, own)
+    file = GltfFile(document, tracks, times)
+    if VRM_EXTENSION not in document.content.get("extensions", {}) and not (file._eye_nodes() or file._face_names()):
+        names = [str(node.get("name", "")) for node in document.content["nodes"]]
+        raise InputError(
+            f"{path}: should have joints or shapes of eyes (LeftEye, eyeBlinkLeft), got {', '.join(names[:6])}"
+        )
+    return file
+
+
+def own_times(tracks: dict[tuple[int, str], Track], own: Motion) -> Float[ndarray, " T"]:
+    """The times of the frames: those of the track that has a key for each, or even steps from the first key."""
+    first = min(float(track.times_s[0]) for track in tracks.values())
+    exact = (track.times_s for track in tracks.values() if len(track.times_s) == len(own))
+    return np.asarray(next(exact, first + np.arange(len(own)) / own.fps))
+
+
+def _shapes(motion: Motion, names: list[str], looks: bool) -> dict[str, Float[ndarray, " T"]]:
+    """Weights of the shapes of eyes and lids that a face has, by `channel_name`."""
+    wanted = {name: values for name, values in eye_channels(motion).items() if name in names}
+    if LID_SHAPES[0].lower() in names:
+        pose = motion_to_pose(anny_head(), motion)
+        made = (*LID_SHAPES, *(name for name in arkit.NAMES if name.lower() in wanted))
+        return {name.lower(): pose.expression[:, anny_head().shape(name)] for name in made if name.lower() in names}
+    return {name: values for name, values in wanted.items() if looks or not name.startswith("eyelook")}
+
+
+def _moves(track: Track | None) -> bool:
+    return track is not None and bool(np.ptp(track.values, axis=0).max() > STILL)
+
+
+def _is_at(channel: dict[str, Any], node: int, path: str) -> bool:
+    return bool(channel["target"].get("node") == node) and channel["target"]["path"] == path
+
+
+def _root(gltf: Gltf, name: str) -> int:
+    """A new node at the root of the scene."""
+    node = gltf.node(name)
+    gltf.document["scenes"][gltf.document.get("scene", 0)]["nodes"].append(node)
+    return node

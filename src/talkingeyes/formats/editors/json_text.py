@@ -1,0 +1,112 @@
+"""Edits JSON of coefficients (readers/arkit_json.py): only the numbers of eyes and head change, every other byte stays.
+
+The parser reports numbers in the order of the text, so each number in the parsed content knows its place in the text.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core.containers import MAX_TEXT_BYTES, parse_json, read_bytes, reading
+from talkingeyes.core.errors import InputError
+from talkingeyes.formats.editors.channels import EYE_NAMES, AddedEyes, channel_name, eye_channels
+from talkingeyes.formats.readers.arkit_json import coefficient_rows
+from talkingeyes.formats.writers.arkit import DIGITS
+
+# A text, to be passed over, or a number.
+TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|(-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)', re.DOTALL)
+
+
+class PlacedNumber(float):
+    """A number of a JSON text, with its index among the numbers of the text."""
+
+    place: int
+
+
+@dataclass(frozen=True)
+class JsonFile:
+    """A JSON text, its content with placed numbers, and where each number stands."""
+
+    path: Path
+    text: str
+    content: Any
+    spans: list[tuple[int, int]] = field(repr=False)
+    has_mark: bool = False  # a byte order mark
+
+    @property
+    def has_head(self) -> bool:
+        return "head" in self.content
+
+    def edited(self, added: AddedEyes) -> bytes:
+        """The file with eyes and head."""
+        found, wanted = coefficient_rows(self.path, self.content), eye_channels(added.motion)
+        new: dict[int, float] = {}
+        for column, name in enumerate(found.names):
+            if channel_name(name) in wanted:
+                numbers = [row[column] for row in found.rows]
+                new |= self._placed(numbers, added.mixed(np.array(numbers, float), wanted[channel_name(name)]))
+        turned = {"eyes": added.motion.gaze.reshape(-1, 3)}
+        turned |= {"head": added.motion.head} if added.with_head else {}
+        for name, rotations in turned.items():
+            if name in self.content:
+                numbers = list(_numbers(self.content[name]))
+                mixed = added.mixed_turns(np.array(numbers, float).reshape(rotations.shape), rotations)
+                new |= self._placed(numbers, mixed.ravel())
+        parts, last = [], 0
+        for place in sorted(new) if added.share > 0 else ():
+            start, stop = self.spans[place]
+            parts += [self.text[last:start], json.dumps(round(new[place], DIGITS))]
+            last = stop
+        text = "".join([*parts, self.text[last:]])
+        return text.encode("utf-8-sig" if self.has_mark else "utf-8")
+
+    def _placed(self, numbers: Sequence[Any], values: Float[ndarray, " N"]) -> dict[int, float]:
+        if not all(isinstance(number, PlacedNumber) for number in numbers):
+            raise InputError(f"{self.path}: rows should be numbers, one for each name")
+        return dict(zip((number.place for number in numbers), values.tolist(), strict=True))
+
+
+def open_json(path: Path) -> JsonFile:
+    """Open a JSON. Raises InputError (one line) if it is not one of the layouts."""
+    with reading(path, "JSON with fps, names and coefficients"):
+        data = read_bytes(path, MAX_TEXT_BYTES)
+        parse_json(data.decode("utf-8-sig"))  # checks the depth
+        text = data.decode("utf-8-sig")
+        count = -1
+
+        def placed(digits: str) -> PlacedNumber:
+            nonlocal count
+            number, count = PlacedNumber(digits), count + 1
+            number.place = count
+            return number
+
+        content = json.loads(text, parse_float=placed, parse_int=placed, parse_constant=_refused)
+        spans = [match.span(1) for match in TOKEN.finditer(text) if match[1] is not None]
+    found = coefficient_rows(path, content)
+    if not any(channel_name(name) in EYE_NAMES for name in found.names):
+        raise InputError(
+            f"{path}: should have coefficients of eyes (eyeBlinkLeft, ...), got {', '.join(found.names[:5])}"
+        )
+    return JsonFile(path, text, content, spans, data.startswith(b"\xef\xbb\xbf"))
+
+
+def _numbers(value: Any) -> Iterator[Any]:
+    """The numbers in nested lists, in order."""
+    if isinstance(value, list):
+        for each in value:
+            yield from _numbers(each)
+    else:
+        yield value
+
+
+def _refused(constant: str) -> float:
+    raise ValueError(f"numbers should be finite, got {constant}")
