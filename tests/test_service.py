@@ -36,6 +36,7 @@ from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.workflows import convert
 from tests.browser import CHROMIUM, FLAGS, open_browser
 
+pytestmark = pytest.mark.timeout(200)  # a service that does not answer must not stop the run
 SECONDS, STREAMS, IDLE_S = 1.6, 3, 5.0  # limit for a client on a busy machine
 LIMITED = f"""
 import sys
