@@ -217,9 +217,9 @@ def conversation(root: Path) -> ConditioningPaths:
 
 def test_listener_motion_depends_on_partner_speech(tmp_path: Path) -> None:
     beside = conversation(tmp_path)
-    task = task_of({"kind": "partner", **KINDS["partner"]}, beside, steps=20)
+    task = task_of({"kind": "partner", **KINDS["partner"]}, beside, steps=20, validate_every=10)
     history = train(task, task.settings.loop, "listener")
-    assert history[-1]["loss/total"] < history[0]["loss/total"] or len(history) == 1
+    assert history[-1]["loss/total"] < history[0]["loss/total"]
     silence = torch.zeros(60, CHANNELS)
     talks = ConditioningInputs(partner=torch.randn(1, 60, CHANNELS))
     alone, heard = (task.module.generate(silence, [1], 1.0, each) for each in (NO_CONDITIONING, talks))
