@@ -24,6 +24,8 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose
 
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
+CODE = re.compile(r"^ *```.*?^ *```|`[^`\n]+`|https?://\S+", re.MULTILINE | re.DOTALL)
+BARE_DECIMAL = re.compile(r"(?<![\w.])\.\d+\b")
 ELSEWHERE = {"ray", "torchrun", "dvc", "git", "blender", "npm", "python3"}  # programs that are checked, not run
 SHELL = {".", "cd", "cp", "mkdir", "for", "do", "done", "echo", "cat"}
 
@@ -139,6 +141,21 @@ def test_links_are_valid(page: Path) -> None:
     links = LINK.findall(re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL))
     dead = [link for link in links if "://" not in link and not (page.parent / link).exists()]
     assert not dead
+
+
+@pytest.mark.parametrize("page", [*PAGES, REPOSITORY / "CHANGELOG.md"], ids=name_of)
+def test_decimals_have_a_leading_zero(page: Path) -> None:
+    assert bare_decimals(page.read_text()) == []
+
+
+def bare_decimals(text: str) -> list[str]:
+    """Numbers such as `.93` outside code."""
+    return BARE_DECIMAL.findall(CODE.sub("", text))
+
+
+def test_bare_decimals_are_detected() -> None:
+    assert bare_decimals("F1 of .93 (was -.2), .5 to 1.3; **.089** | .1 |") == [".93", ".2", ".5", ".089", ".1"]
+    assert bare_decimals("0.93, version 3.11.2, `x.1f`, `.5`, models.py ... .npz\n```\n.93\n```\n") == []
 
 
 def test_the_site_has_the_pages_that_it_names() -> None:
