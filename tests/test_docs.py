@@ -23,6 +23,7 @@ from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose
 
+DOCS = REPOSITORY / "docs"
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 CODE = re.compile(r"^ *```.*?^ *```|`[^`\n]+`|https?://\S+", re.MULTILINE | re.DOTALL)
 BARE_DECIMAL = re.compile(r"(?<![\w.])\.\d+\b")
@@ -156,6 +157,21 @@ def bare_decimals(text: str) -> list[str]:
 def test_bare_decimals_are_detected() -> None:
     assert bare_decimals("F1 of .93 (was -.2), .5 to 1.3; **.089** | .1 |") == [".93", ".2", ".5", ".089", ".1"]
     assert bare_decimals("0.93, version 3.11.2, `x.1f`, `.5`, models.py ... .npz\n```\n.93\n```\n") == []
+
+
+def test_the_log_lists_its_entries_by_date() -> None:
+    rows = re.findall(
+        r"^\| (\S+) \| .+\? \| .+\. \| \[.+\]\(log/(\S+)\) \|$", (DOCS / "log.md").read_text(), re.MULTILINE
+    )
+    assert sorted(name for _, name in rows) == sorted(path.name for path in (DOCS / "log").iterdir())
+    assert [date for date, _ in rows] == sorted(name[:10] for _, name in rows)
+
+
+def test_files_of_the_log_named_elsewhere_exist() -> None:
+    pages = [*(REPOSITORY / "conf").rglob("*.yaml"), *(REPOSITORY / "src").rglob("*.py"), *PAGES]
+    named = {name for page in pages for name in re.findall(r"docs/log/\d[\w-]+\.md", page.read_text())}
+    assert len(named) > 5
+    assert [name for name in named if not (REPOSITORY / name).is_file()] == []
 
 
 def test_the_site_has_the_pages_that_it_names() -> None:
