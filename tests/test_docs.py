@@ -159,6 +159,14 @@ def test_bare_decimals_are_detected() -> None:
     assert bare_decimals("0.93, version 3.11.2, `x.1f`, `.5`, models.py ... .npz\n```\n.93\n```\n") == []
 
 
+def test_entries_of_the_changelog_are_short() -> None:
+    text = (REPOSITORY / "CHANGELOG.md").read_text()
+    entries = [line for line in text.partition("## [Unreleased]")[2].splitlines() if line]
+    assert sum(line.startswith("- ") for line in entries) > 50
+    assert [line for line in entries if len(line) > 150] == []
+    assert [line for line in entries if line.startswith(" ")] == []  # one line each
+
+
 def test_the_log_lists_its_entries_by_date() -> None:
     rows = re.findall(
         r"^\| (\S+) \| .+\? \| .+\. \| \[.+\]\(log/(\S+)\) \|$", (DOCS / "log.md").read_text(), re.MULTILINE
