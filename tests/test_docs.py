@@ -24,10 +24,20 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose
 
 DOCS = REPOSITORY / "docs"
+CHANGELOG, CONTRIBUTING = REPOSITORY / "CHANGELOG.md", REPOSITORY / "CONTRIBUTING.md"
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 CODE = re.compile(r"^ *```.*?^ *```|`[^`\n]+`|https?://\S+", re.MULTILINE | re.DOTALL)
 BARE_DECIMAL = re.compile(r"(?<![\w.])\.\d+\b")
-ELSEWHERE = {"ray", "torchrun", "dvc", "git", "blender", "npm", "python3"}  # programs that are checked, not run
+ELSEWHERE = {
+    "ray",
+    "torchrun",
+    "dvc",
+    "git",
+    "pre-commit",
+    "blender",
+    "npm",
+    "python3",
+}  # programs that are checked, not run
 SHELL = {".", "cd", "cp", "mkdir", "for", "do", "done", "echo", "cat"}
 
 
@@ -111,7 +121,7 @@ def _composes(words: list[str]) -> str | None:
     return None
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
+@pytest.mark.parametrize("page", [*PAGES, CONTRIBUTING], ids=name_of)
 def test_every_command_of_the_docs_exists(page: Path) -> None:
     wrong = {command: fault for command in commands(page) if (fault := checked(command))}
     assert not wrong
@@ -137,14 +147,14 @@ def test_nonexistent_command_is_detected() -> None:
     assert len(commands(REPOSITORY / "docs/tutorial.md")) >= 10
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
+@pytest.mark.parametrize("page", [*PAGES, CHANGELOG, CONTRIBUTING], ids=name_of)
 def test_links_are_valid(page: Path) -> None:
     links = LINK.findall(re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL))
     dead = [link for link in links if "://" not in link and not (page.parent / link).exists()]
     assert not dead
 
 
-@pytest.mark.parametrize("page", [*PAGES, REPOSITORY / "CHANGELOG.md"], ids=name_of)
+@pytest.mark.parametrize("page", [*PAGES, CHANGELOG, CONTRIBUTING], ids=name_of)
 def test_decimals_have_a_leading_zero(page: Path) -> None:
     assert bare_decimals(page.read_text()) == []
 
@@ -160,11 +170,18 @@ def test_bare_decimals_are_detected() -> None:
 
 
 def test_entries_of_the_changelog_are_short() -> None:
-    text = (REPOSITORY / "CHANGELOG.md").read_text()
-    entries = [line for line in text.partition("## [Unreleased]")[2].splitlines() if line]
+    entries = [line for line in CHANGELOG.read_text().partition("## [Unreleased]")[2].splitlines() if line]
     assert sum(line.startswith("- ") for line in entries) > 50
     assert [line for line in entries if len(line) > 150] == []
     assert [line for line in entries if line.startswith(" ")] == []  # one line each
+
+
+def test_contributing_is_short_and_names_tests_that_exist() -> None:
+    text = CONTRIBUTING.read_text()
+    assert len(text.splitlines()) <= 60
+    tests = re.findall(r"tests/\w+\.py", text)
+    assert len(tests) > 3
+    assert [name for name in tests if not (REPOSITORY / name).is_file()] == []
 
 
 def test_the_log_lists_its_entries_by_date() -> None:
