@@ -23,8 +23,21 @@ from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose
 
+DOCS = REPOSITORY / "docs"
+CHANGELOG, CONTRIBUTING = REPOSITORY / "CHANGELOG.md", REPOSITORY / "CONTRIBUTING.md"
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
-ELSEWHERE = {"ray", "torchrun", "dvc", "git", "blender", "npm", "python3"}  # programs that are checked, not run
+CODE = re.compile(r"^ *```.*?^ *```|`[^`\n]+`|https?://\S+", re.MULTILINE | re.DOTALL)
+BARE_DECIMAL = re.compile(r"(?<![\w.])\.\d+\b")
+ELSEWHERE = {
+    "ray",
+    "torchrun",
+    "dvc",
+    "git",
+    "pre-commit",
+    "blender",
+    "npm",
+    "python3",
+}  # programs that are checked, not run
 SHELL = {".", "cd", "cp", "mkdir", "for", "do", "done", "echo", "cat"}
 
 
@@ -108,7 +121,7 @@ def _composes(words: list[str]) -> str | None:
     return None
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
+@pytest.mark.parametrize("page", [*PAGES, CONTRIBUTING], ids=name_of)
 def test_every_command_of_the_docs_exists(page: Path) -> None:
     wrong = {command: fault for command in commands(page) if (fault := checked(command))}
     assert not wrong
@@ -134,11 +147,56 @@ def test_nonexistent_command_is_detected() -> None:
     assert len(commands(REPOSITORY / "docs/tutorial.md")) >= 10
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
+@pytest.mark.parametrize("page", [*PAGES, CHANGELOG, CONTRIBUTING], ids=name_of)
 def test_links_are_valid(page: Path) -> None:
     links = LINK.findall(re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL))
     dead = [link for link in links if "://" not in link and not (page.parent / link).exists()]
     assert not dead
+
+
+@pytest.mark.parametrize("page", [*PAGES, CHANGELOG, CONTRIBUTING], ids=name_of)
+def test_decimals_have_a_leading_zero(page: Path) -> None:
+    assert bare_decimals(page.read_text()) == []
+
+
+def bare_decimals(text: str) -> list[str]:
+    """Numbers such as `.93` outside code."""
+    return BARE_DECIMAL.findall(CODE.sub("", text))
+
+
+def test_bare_decimals_are_detected() -> None:
+    assert bare_decimals("F1 of .93 (was -.2), .5 to 1.3; **.089** | .1 |") == [".93", ".2", ".5", ".089", ".1"]
+    assert bare_decimals("0.93, version 3.11.2, `x.1f`, `.5`, models.py ... .npz\n```\n.93\n```\n") == []
+
+
+def test_entries_of_the_changelog_are_short() -> None:
+    entries = [line for line in CHANGELOG.read_text().partition("## [Unreleased]")[2].splitlines() if line]
+    assert sum(line.startswith("- ") for line in entries) > 50
+    assert [line for line in entries if len(line) > 150] == []
+    assert [line for line in entries if line.startswith(" ")] == []  # one line each
+
+
+def test_contributing_is_short_and_names_tests_that_exist() -> None:
+    text = CONTRIBUTING.read_text()
+    assert len(text.splitlines()) <= 60
+    tests = re.findall(r"tests/\w+\.py", text)
+    assert len(tests) > 3
+    assert [name for name in tests if not (REPOSITORY / name).is_file()] == []
+
+
+def test_the_log_lists_its_entries_by_date() -> None:
+    rows = re.findall(
+        r"^\| (\S+) \| .+\? \| .+\. \| \[.+\]\(log/(\S+)\) \|$", (DOCS / "log.md").read_text(), re.MULTILINE
+    )
+    assert sorted(name for _, name in rows) == sorted(path.name for path in (DOCS / "log").iterdir())
+    assert [date for date, _ in rows] == sorted(name[:10] for _, name in rows)
+
+
+def test_files_of_the_log_named_elsewhere_exist() -> None:
+    pages = [*(REPOSITORY / "conf").rglob("*.yaml"), *(REPOSITORY / "src").rglob("*.py"), *PAGES]
+    named = {name for page in pages for name in re.findall(r"docs/log/\d[\w-]+\.md", page.read_text())}
+    assert len(named) > 5
+    assert [name for name in named if not (REPOSITORY / name).is_file()] == []
 
 
 def test_the_site_has_the_pages_that_it_names() -> None:
