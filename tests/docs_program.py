@@ -38,7 +38,7 @@ SUBSTITUTIONS = [
     (r"^(talkingeyes .*)--jobs 8", r"\1--jobs 2"),
     (r"^(talkingeyes export .*)", r"\1 --force"),  # two recipes write the same file
 ]
-SERVERS = r"^(talkingeyes (view|serve|study run)|mlflow ui)\b"
+SERVERS = r"^(talkingeyes (view|serve|study run)|mlflow ui)\b(?!.*--port)"  # with a port: used by the next lines
 TIMEOUT_S = 120
 
 

@@ -25,7 +25,7 @@ from talkingeyes.orchestration.config import compose
 
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 ELSEWHERE = {"ray", "torchrun", "dvc", "git", "blender", "npm", "python3"}  # programs that are checked, not run
-SHELL = {".", "cd", "cp", "mkdir", "for", "do", "done", "echo", "cat"}
+SHELL = {".", "cd", "cp", "mkdir", "for", "do", "done", "echo", "cat", "kill"}
 
 
 def commands(page: Path) -> list[str]:
