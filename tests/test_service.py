@@ -606,6 +606,9 @@ class TestPage:
             choose_file(browser, "#face", tmp_path / "speech.wav")
             browser.wait_for("document.body.dataset.state === 'error'")
             assert "should be one of csv" in browser.value("document.getElementById('status').value")
+            choose_file(browser, "#upload", tmp_path / "lips.csv")  # no sound: what was there before is not offered
+            browser.wait_for("document.getElementById('status').value.includes('should be the sound file itself')")
+            assert browser.value("document.querySelectorAll('#downloads a').length") == 0
         assert {each.name for each in (tmp_path / "got").iterdir()} == expected
         assert (tmp_path / "got/eyes_lips.csv").read_bytes() != (tmp_path / "lips.csv").read_bytes()
 

@@ -138,8 +138,12 @@ function load(sound) {
   if (recording) return;
   speech = sound;
   made = new Map();
+  shown = null;
   $("sound").pause();
+  URL.revokeObjectURL($("sound").src);
   $("sound").removeAttribute("src");
+  $("seek").disabled = $("face").disabled = true;
+  $("downloads").textContent = "Available after an animation has been made.";
   perform();
 }
 
