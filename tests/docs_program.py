@@ -1,7 +1,8 @@
 """Runs a program of the docs with smaller settings: python docs_program.py BIN PROGRAM WORDS... runs BIN/PROGRAM.
 
 SMALL has the changes: commands that take minutes or hours get the settings of `experiment=tiny`. SERVERS run until they
-answer and are then interrupted. Other commands run unchanged. tests/test_docs_run.py puts this program on the path.
+answer and are then interrupted, unless a port is given. Other commands run unchanged.
+tests/test_docs_run.py puts this program on the path.
 """
 
 import os
@@ -38,7 +39,7 @@ SUBSTITUTIONS = [
     (r"^(talkingeyes .*)--jobs 8", r"\1--jobs 2"),
     (r"^(talkingeyes export .*)", r"\1 --force"),  # two recipes write the same file
 ]
-SERVERS = r"^(talkingeyes (view|serve|study run)|mlflow ui)\b"
+SERVERS = r"^(talkingeyes (view|serve|study run)|mlflow ui)\b(?!.*--port)"  # with a port: used by the next lines
 TIMEOUT_S = 120
 
 

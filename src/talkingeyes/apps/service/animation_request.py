@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -11,22 +11,30 @@ from talkingeyes.animation.controls import MAX_LIVELINESS, Controls, Liveliness
 from talkingeyes.core.settings import Settings
 from talkingeyes.models.face.style import FaceStyle, StyleKey
 
-LivelinessFactor = Annotated[float, Field(ge=0, le=MAX_LIVELINESS)]
+
+def _liveliness(what: str) -> Any:
+    return Field(ge=0, le=MAX_LIVELINESS, description=f"factor on the {what}")
 
 
 class AnimationRequest(Settings):
     """Settings of an animation. Person, eye contact, emotion and intensity apply to files, not to live streams."""
 
-    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
-    person: Annotated[str, Field(max_length=100)] | None = None
-    fps: Annotated[float, Field(ge=10, le=120)] = 25.0
-    blinks: Literal["physiological", "paper", "corpus"] = "physiological"
-    head_liveliness: LivelinessFactor = 1.0
-    gaze_liveliness: LivelinessFactor = 1.0
-    blink_liveliness: LivelinessFactor = 1.0
-    eye_contact: Annotated[float, Field(ge=0, le=1)] | None = None
-    emotion: Annotated[str, Field(pattern="^[a-z]{1,20}$")] = "neutral"
-    intensity: Annotated[int, Field(ge=0, le=3)] = 0
+    seed: Annotated[int, Field(ge=0, lt=2**31, description="each seed gives another sample")] = 0
+    person: Annotated[str, Field(max_length=100, description="training speaker (service.json lists them)")] | None = (
+        None
+    )
+    fps: Annotated[float, Field(ge=10, le=120, description="frames a second")] = 25.0
+    blinks: Annotated[
+        Literal["physiological", "paper", "corpus"], Field(description="where the blink rate is from")
+    ] = "physiological"
+    head_liveliness: Annotated[float, _liveliness("motion of the head")] = 1.0
+    gaze_liveliness: Annotated[float, _liveliness("motion of the eyes")] = 1.0
+    blink_liveliness: Annotated[float, _liveliness("blink rate")] = 1.0
+    eye_contact: Annotated[float, Field(ge=0, le=1, description="share of time; by default the model's")] | None = None
+    emotion: Annotated[
+        str, Field(pattern="^[a-z]{1,20}$", description="one of service.json, with an intensity of 1 to 3")
+    ] = "neutral"
+    intensity: Annotated[int, Field(ge=0, le=3, description="of the emotion")] = 0
 
     @property
     def liveliness(self) -> Liveliness:
@@ -45,9 +53,9 @@ class AnimationRequest(Settings):
 class EyesRequest(Settings):
     """How the eyes of an animation go into a file of another program (workflows/add_eyes.py)."""
 
-    keep_head: bool = False
-    blend: Annotated[float, Field(ge=0, le=1)] = 1.0
-    fps: Annotated[float, Field(ge=10, le=240)] | None = None
+    keep_head: Annotated[bool, Field(description="keep the head motion of the file")] = False
+    blend: Annotated[float, Field(ge=0, le=1, description="share of these eyes, the rest being the file's")] = 1.0
+    fps: Annotated[float, Field(ge=10, le=240, description="of files that do not state theirs")] | None = None
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@
     POST /performances/ID/faces/csv?blend=1&...   the body is face motion of another program (csv, csv.gz, json, glb,
                                     vrma, npz, npy); returns it with eyes for the sound of the animation
     WS /stream                      apps/service/live_stream.py
+    GET /docs, /openapi.json        the description of all this (apps/service/api_page.py)
 
 Errors return a status of 400 to 499 and {"error": one line}; overload returns 503. Clients do not choose file names:
 ids are random, and all files are stored in the service's own folder.
@@ -17,14 +18,24 @@ import secrets
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI, HTTPException, Request, Response
-from fastapi.responses import FileResponse, JSONResponse
+from fastapi.responses import FileResponse, HTMLResponse, JSONResponse
 from starlette.exceptions import HTTPException as HTTPError
 
 from talkingeyes.apps.service.animation_request import AnimationRequest, EyesRequest, Limits
+from talkingeyes.apps.service.api_page import (
+    ADD_EYES_DOCS,
+    DOWNLOAD_DOCS,
+    PERFORM_DOCS,
+    ErrorReply,
+    PerformanceReply,
+    ServiceReply,
+    api_page,
+)
 from talkingeyes.apps.service.live_stream import StreamServer
 from talkingeyes.apps.service.result_cache import ResultCache
 from talkingeyes.apps.service.worker_pool import BusyError, WorkerFailedError, WorkerPool
@@ -39,9 +50,21 @@ SERVICE_ASSETS = {
     "": "text/html; charset=utf-8",
     "live.js": "text/javascript",
     "microphone.js": "text/javascript",
+    "recorder.js": "text/javascript",
+    "waveform.js": "text/javascript",
     "live.css": "text/css",
 }
 SOUND = "sound file itself (wav, flac, ogg, mp3, m4a, webm)"
+ERRORS: dict[int | str, dict[str, Any]] = {
+    413: {"model": ErrorReply, "description": "The file is too large"},
+    415: {"model": ErrorReply, "description": "The body is not the file itself"},
+    422: {"model": ErrorReply, "description": "A mistake; one line says what would be right"},
+    503: {"model": ErrorReply, "description": "The queue is full; try again later"},
+}
+NOT_FOUND: dict[int | str, dict[str, Any]] = {
+    404: {"model": ErrorReply, "description": "No such animation (only the newest are kept) or format"}
+}
+DESCRIPTION = "Speech in; gaze, head, blinks, lids and face out. Live streams: WebSocket /stream, described at /docs."
 FACE_ENDINGS = tuple(suffix[1:] for suffix in SUFFIXES)
 VIEWER_ASSETS = ("stage.js", "style.css", "three.js")
 
@@ -54,6 +77,7 @@ class ServiceResources:
     stream_workers: WorkerPool | None
     head: bytes
     persons: Sequence[str]  # speakers of the model for files
+    emotions: Sequence[str]  # of the model of the face; empty if there is none
     formats: Mapping[str, str]  # export formats and their file suffixes
 
 
@@ -72,10 +96,11 @@ def service_app(resources: ServiceResources, limits: Limits, folder: Path, host:
             await workers.stop()
 
     app.router.lifespan_context = lifespan
+    app.title, app.version, app.description = "TalkingEyes", version("talkingeyes"), DESCRIPTION
     _register_error_handlers(app)
     _files(app, resources, limits, result_cache)
     app.add_api_websocket_route("/stream", streams.serve)
-    _pages(app, resources)
+    _pages(app, resources, limits)
     return app
 
 
@@ -99,8 +124,14 @@ def _register_error_handlers(app: FastAPI) -> None:
 
 
 def _files(app: FastAPI, resources: ServiceResources, limits: Limits, result_cache: ResultCache) -> None:
-    @app.post("/performances")
-    async def perform(request: Request) -> dict[str, Any]:
+    @app.post(
+        "/performances",
+        summary="Animate a sound",
+        response_description="The animation, which can be downloaded by its id",
+        responses=ERRORS,
+        openapi_extra=PERFORM_DOCS,
+    )
+    async def perform(request: Request) -> PerformanceReply:
         animation_request = validate_section("request", AnimationRequest, dict(request.query_params))
         body = await _body(request, limits, SOUND, ("multipart/", "text/", "application/json"))
         async with resources.file_workers.acquire() as worker:
@@ -109,9 +140,15 @@ def _files(app: FastAPI, resources: ServiceResources, limits: Limits, result_cac
                 made = await worker.call(
                     ("perform", entry.folder, animation_request, limits.max_speech_s), limits.work_timeout_s
                 )
-        return {"id": entry.name, **made}
+        return PerformanceReply(id=entry.name, **made)
 
-    @app.post("/performances/{name}/faces/{ending}")
+    @app.post(
+        "/performances/{name}/faces/{ending}",
+        summary="Add the eyes of an animation to face motion of another program",
+        response_class=Response,
+        responses=NOT_FOUND | ERRORS,
+        openapi_extra=ADD_EYES_DOCS,
+    )
     async def add_eyes(name: str, ending: str, request: Request) -> Response:
         asked = validate_section("request", EyesRequest, dict(request.query_params))
         result_cache.find(name)
@@ -125,7 +162,13 @@ def _files(app: FastAPI, resources: ServiceResources, limits: Limits, result_cac
             content = await worker.call(("add_eyes", folder, face, asked, limits.max_speech_s), limits.work_timeout_s)
         return Response(content, media_type="application/octet-stream")
 
-    @app.get("/performances/{name}/{what}")
+    @app.get(
+        "/performances/{name}/{what}",
+        summary="Download an animation: poses, sound, or an export format",
+        response_class=Response,
+        responses=NOT_FOUND | {status: ERRORS[status] for status in (422, 503)},
+        openapi_extra=DOWNLOAD_DOCS,
+    )
     async def download(name: str, what: str) -> Response:
         folder = result_cache.find(name)
         if what in ("poses", "sound"):
@@ -164,19 +207,33 @@ async def _body(request: Request, limits: Limits, what: str, refused: tuple[str,
         raise HTTPException(408, f"no data received for {limits.idle_timeout_s:g} s") from None
 
 
-def _pages(app: FastAPI, resources: ServiceResources) -> None:
+def _pages(app: FastAPI, resources: ServiceResources, limits: Limits) -> None:
     files = {name: asset(name) for name in VIEWER_ASSETS}
     files |= {
         name: Asset((ASSETS / (name or "live.html")).read_bytes(), media) for name, media in SERVICE_ASSETS.items()
     }
     files["head.glb"] = Asset(resources.head, "model/gltf-binary")
 
-    @app.get("/service.json")
-    async def about() -> dict[str, Any]:
-        live = resources.stream_workers is not None
-        return {"formats": list(resources.formats), "live": live, "persons": list(resources.persons)}
+    @app.get("/service.json", summary="What this service offers", response_description="Formats, speakers and limits")
+    async def about() -> ServiceReply:
+        return ServiceReply(
+            formats=list(resources.formats),
+            live=resources.stream_workers is not None,
+            persons=list(resources.persons),
+            emotions=list(resources.emotions),
+            max_seconds=limits.max_speech_s,
+            max_megabytes=round(limits.max_upload_bytes / (1 << 20), 1),
+        )
 
-    @app.get("/{name:path}")
+    @app.get("/openapi.json", include_in_schema=False)
+    async def openapi() -> dict[str, Any]:
+        return app.openapi()
+
+    @app.get("/docs", include_in_schema=False)
+    async def docs(request: Request) -> Response:
+        return HTMLResponse(api_page(app.openapi(), str(request.base_url).rstrip("/")))
+
+    @app.get("/{name:path}", include_in_schema=False)
     async def page(name: str) -> Response:
         found = files.get(name)
         if found is None:

@@ -1,38 +1,95 @@
-// The page of `talkingeyes serve`. Live: speech from the microphone drives the head (apps/service/live_stream.py). A recording or
-// a file is animated and played with its sound, again after every change of a control (apps/service/app.py).
+// The page of `talkingeyes serve`. Live: speech from the microphone drives the head (recorder.js). A recording or a file is
+// animated and played with its sound; each setting gives another animation of the same sound (apps/service/app.py).
 
+import { openRecording } from "./recorder.js";
 import { Stage } from "./stage.js";
+import { drawWave, peaks, wavPeaks } from "./waveform.js";
 
-const RATE = 16000;
 const SMOOTH_S = 0.12; // buffer: extra delay of the display, so that frames arrive in time
+const BARS = 300; // of the waveform
+const LIVE_BARS = 250; // chunks of the microphone that are shown: ten seconds
+const KEPT = 12; // animations of one sound that the page keeps, fewer than the service (workflows/serve.py, max_results)
+const SAMPLES = 3;
+const TITLES = { glb: "GLB", arkit: "ARKit JSON", livelink: "Live Link CSV", mp4: "Film (MP4)" };
 const $ = (id) => document.getElementById(id);
 
 let stage, about, speech, shown, recording;
 let asked = 0;
+let bars = new Float32Array(BARS);
+let made = new Map(); // query -> animation of the speech
 
 async function open() {
   about = await answer(await fetch("service.json"));
   stage = await Stage.open($("head"), "head.glb", [$("head")]);
-  $("request").person.append(...about.persons.map((name) => new Option(name)));
+  const form = $("request");
+  form.person.append(...about.persons.map((name) => new Option(name)));
+  $("feeling").hidden = !about.emotions.length;
   $("who").hidden = !about.persons.length;
+  $("limit").textContent = `At most ${about.max_seconds} s and ${about.max_megabytes} MB.`;
   $("record").disabled = !about.live;
   $("record").title = about.live ? "" : "no streaming model is loaded";
-  $("record").onclick = () => (recording ? recording.stop() : record()).catch?.(failed);
-  $("upload").onchange = ({ target }) => target.files[0] && perform(target.files[0]);
-  $("another").onclick = () => {
-    $("request").seed.value = Math.floor(Math.random() * 2 ** 31);
-    perform(speech);
-  };
-  $("own").onchange = () => {
-    $("request").eye_contact.disabled = $("own").checked;
-    perform(speech);
-  };
-  $("request").onsubmit = (event) => event.preventDefault();
-  $("request").oninput = numbers;
-  $("request").onchange = ({ target }) => target.id !== "own" && perform(speech);
+  $("record").onclick = () => (recording ? recording.stop() : record().catch(failed));
+  $("emotions").append(...about.emotions.map((name) => choice("emotion", name, name)));
+  addSamples();
+  wireControls(form);
+  wireFiles();
   numbers();
-  say("ready", "record or upload speech");
+  say("ready", about.live ? "choose a recording, or record" : "choose a recording");
   requestAnimationFrame(draw);
+}
+
+function wireControls(form) {
+  $("another").onclick = () => {
+    $("samples").append(sample($("samples").children.length));
+    $("samples").lastChild.control.checked = true;
+    perform();
+  };
+  $("first").onchange = () => addSamples();
+  $("own").onchange = () => (form.eye_contact.disabled = $("own").checked);
+  form.onsubmit = (event) => event.preventDefault();
+  form.oninput = numbers;
+  form.onchange = ({ target }) => {
+    form.intensity.disabled = form.emotion?.value === "neutral";
+    if (!["face", "keep", "rate"].includes(target.id)) perform();
+  };
+  $("seek").oninput = () => ($("sound").currentTime = $("seek").value);
+  $("view").onchange = ({ target }) => stage.look(target.value);
+  $("rays").onchange = ({ target }) => stage.showRays(target.checked);
+}
+
+// Files are chosen, or dropped anywhere on the page.
+function wireFiles() {
+  $("upload").onchange = ({ target }) => target.files[0] && load(target.files[0]);
+  $("face").onchange = ({ target }) => target.files[0] && addEyes(target.files[0]).catch(failed).finally(() => (target.value = ""));
+  addEventListener("dragover", (event) => {
+    event.preventDefault();
+    document.body.classList.add("dropping");
+  });
+  addEventListener("dragleave", (event) => event.relatedTarget ?? document.body.classList.remove("dropping"));
+  addEventListener("drop", (event) => {
+    event.preventDefault();
+    document.body.classList.remove("dropping");
+    if (!event.dataTransfer.files[0] || recording) return;
+    $("upload").files = event.dataTransfer.files; // shows the name
+    load(event.dataTransfer.files[0]);
+  });
+}
+
+function choice(name, value, text) {
+  const label = document.createElement("label");
+  label.append(Object.assign(document.createElement("input"), { type: "radio", name, value, checked: value === "neutral" }), text);
+  return label;
+}
+
+function sample(index) {
+  const label = choice("seed", Number($("first").value) + index, `Sample ${index + 1}`);
+  label.title = `seed ${label.control.value}`;
+  return label;
+}
+
+function addSamples() {
+  $("samples").replaceChildren(...Array.from({ length: SAMPLES }, (_, index) => sample(index)));
+  $("samples").firstChild.control.checked = true;
 }
 
 function say(state, text) {
@@ -50,18 +107,23 @@ async function answer(response) {
   throw new Error(content.error ?? `the service returned status ${response.status}`);
 }
 
+async function content(address, request) {
+  const response = await fetch(address, request);
+  return response.ok ? response : answer(response);
+}
+
 function numbers() {
-  for (const range of document.querySelectorAll('input[type="range"]')) range.nextElementSibling.textContent = range.value;
+  for (const range of $("request").querySelectorAll('input[type="range"]')) range.nextElementSibling.textContent = range.value;
 }
 
 function requested() {
   const form = $("request");
-  const neutral = form.emotion.value === "neutral";
+  const emotion = form.emotion?.value ?? "neutral"; // without a face there is no choice
   const asks = {
     seed: Number(form.seed.value),
     blinks: form.blinks.value,
-    emotion: form.emotion.value,
-    intensity: neutral ? 0 : Number(form.intensity.value),
+    emotion,
+    intensity: emotion === "neutral" ? 0 : Number(form.intensity.value),
     head_liveliness: Number(form.head_liveliness.value),
     gaze_liveliness: Number(form.gaze_liveliness.value),
     blink_liveliness: Number(form.blink_liveliness.value),
@@ -71,31 +133,67 @@ function requested() {
   return asks;
 }
 
-// Animate a whole sound. Only the result of the newest request is shown.
-async function perform(sound) {
-  if (!sound || recording) return;
-  const turn = ++asked;
+// A new sound, from its beginning.
+function load(sound) {
+  if (recording) return;
   speech = sound;
-  say("working", "working");
+  made = new Map();
+  shown = null;
+  $("sound").pause();
+  URL.revokeObjectURL($("sound").src);
+  $("sound").removeAttribute("src");
+  $("seek").disabled = $("face").disabled = true;
+  $("downloads").textContent = "Available after an animation has been made.";
+  perform();
+}
+
+// Animate the sound with the settings of the page. Only the result of the newest request is shown; the sound plays on.
+async function perform() {
+  if (!speech || recording) return;
+  const turn = ++asked;
+  const query = `${new URLSearchParams(requested())}`;
   try {
-    const made = await answer(await fetch(`performances?${new URLSearchParams(requested())}`, { method: "POST", body: sound }));
-    const place = `performances/${made.id}`;
-    const poses = await fetch(`${place}/poses`);
-    if (!poses.ok) throw new Error("the poses could not be loaded");
-    const rows = new Float32Array(await poses.arrayBuffer());
-    if (turn !== asked) return;
-    shown = { ...made, rows };
-    $("sound").src = `${place}/sound`;
-    offer(place);
-    say("playing", `${made.seconds.toFixed(2)} s, ${made.frames} frames`);
-    await $("sound").play().catch(() => say("playing", "press play"));
+    if (!made.has(query)) {
+      say("working", "animating");
+      const animation = await animate(query);
+      if (turn !== asked) return;
+      made.set(query, animation);
+      if (made.size > KEPT) made.delete(made.keys().next().value);
+    }
+    shown = made.get(query);
+    if (!$("sound").hasAttribute("src")) await hear(shown);
+    offer(shown.place);
+    $("face").disabled = false;
+    say("playing", `${shown.seconds.toFixed(2)} s, ${shown.frames} frames`);
+    if ($("sound").paused && !$("sound").currentTime) await $("sound").play().catch(() => say("playing", "press play"));
   } catch (error) {
     if (turn === asked) failed(error);
   }
 }
 
+async function animate(query) {
+  const performed = await answer(await fetch(`performances?${query}`, { method: "POST", body: speech }));
+  const place = `performances/${performed.id}`;
+  const rows = new Float32Array(await (await content(`${place}/poses`)).arrayBuffer());
+  return { ...performed, place, rows };
+}
+
+// Load the sound of an animation as the service heard it, and its waveform.
+async function hear({ place, seconds }) {
+  const sound = await (await content(`${place}/sound`)).arrayBuffer();
+  bars = wavPeaks(sound, BARS);
+  Object.assign($("seek"), { max: seconds, value: 0, disabled: false });
+  $("sound").src = URL.createObjectURL(new Blob([sound], { type: "audio/wav" }));
+}
+
 function offer(place) {
-  $("downloads").replaceChildren("Download: ", ...about.formats.map((format) => link(`${place}/${format}`, format)));
+  const [main, more] = [document.createElement("div"), document.createElement("details")];
+  main.className = "main";
+  main.append(...Object.keys(TITLES).filter((name) => about.formats.includes(name)).map((name) => link(`${place}/${name}`, TITLES[name])));
+  const others = about.formats.filter((name) => !TITLES[name]);
+  more.append(Object.assign(document.createElement("summary"), { textContent: "Other formats" }), ...others.map((name) => link(`${place}/${name}`, name)));
+  more.open = $("downloads").querySelector("details")?.open ?? false;
+  $("downloads").replaceChildren(main, more);
 }
 
 // The first click requests the export and reports errors; then the file is downloaded.
@@ -104,78 +202,82 @@ function link(href, textContent) {
   made.onclick = async (event) => {
     if (made.dataset.made) return;
     event.preventDefault();
+    if (made.ariaBusy === "true") return;
+    made.ariaBusy = "true";
+    say("playing", `making ${textContent}`);
     try {
-      const file = await fetch(href);
-      if (!file.ok) await answer(file);
+      await content(href);
       made.dataset.made = "yes";
       made.click();
+      say("playing", `${textContent} is downloaded`);
     } catch (error) {
       failed(error);
+    } finally {
+      made.ariaBusy = "false";
     }
   };
   return made;
 }
 
-// Send sound in chunks of 40 ms and receive rows of poses. The recording is kept, and animated as a file at the end.
-async function record() {
-  const media = await navigator.mediaDevices.getUserMedia({ audio: { channelCount: 1 } });
-  const context = new AudioContext({ sampleRate: RATE });
-  await context.audioWorklet.addModule("microphone.js");
-  const socket = new WebSocket(Object.assign(new URL("stream", location), { protocol: location.protocol.replace("http", "ws") }));
-  socket.binaryType = "arraybuffer";
-  const heard = [];
-  const live = { rows: [], began: null, fps: 25, latency_s: 0, columns: 0 };
-  const node = new AudioWorkletNode(context, "microphone");
-  const silence = () => {
-    media.getTracks().forEach((track) => track.stop());
-    context.close();
-  };
-  socket.onopen = () => socket.send(JSON.stringify(requested()));
-  socket.onmessage = ({ data }) => {
-    if (data instanceof ArrayBuffer) return arrived(live, data);
-    const message = JSON.parse(data);
-    if (message.error) failed(new Error(message.error));
-    else if (message.end) live.frames = message.frames;
-    else {
-      Object.assign(live, message);
-      context.createMediaStreamSource(media).connect(node);
-      say("live", `live: latency ${Math.round(1000 * (live.latency_s + SMOOTH_S))} ms`);
-    }
-  };
-  node.port.onmessage = ({ data }) => {
-    live.began ??= performance.now();
-    heard.push(data);
-    if (socket.readyState === WebSocket.OPEN) socket.send(pcm([data]).buffer);
-  };
-  socket.onclose = () => {
-    silence();
-    recording = null;
-    $("record").textContent = "Record";
-    if (document.body.dataset.state !== "error" && heard.length) perform(wav(heard));
-  };
-  $("sound").pause();
-  shown = null;
-  $("record").textContent = "Stop";
-  recording = {
-    live,
-    async stop() {
-      node.port.onmessage = null;
-      silence();
-      socket.send(JSON.stringify({ end: true }));
-    },
-  };
+// Face motion of another program comes back with the eyes of the animation that is shown.
+async function addEyes(file) {
+  const ending = /\.(csv\.gz|[^.]+)$/i.exec(file.name)?.[1].toLowerCase() ?? "";
+  say("playing", `adding eyes to ${file.name}`);
+  const query = new URLSearchParams({ keep_head: $("keep").checked, ...($("rate").value && { fps: $("rate").value }) });
+  const address = `${shown.place}/faces/${encodeURIComponent(ending)}?${query}`;
+  const type = "application/octet-stream";
+  const edited = await (await content(address, { method: "POST", body: file, headers: { "Content-Type": type } })).blob();
+  const saved = Object.assign(document.createElement("a"), { href: URL.createObjectURL(edited), download: `eyes_${file.name}` });
+  saved.click();
+  say("playing", `${saved.download} is downloaded`);
 }
 
-function arrived(live, data) {
-  const rows = new Float32Array(data.slice(4));
-  for (let at = 0; at < rows.length; at += live.columns) live.rows.push(rows.subarray(at, at + live.columns));
-  document.body.dataset.frames = live.rows.length;
+// The recording is kept, and animated as a file at the end.
+async function record() {
+  $("record").disabled = true;
+  try {
+    $("sound").pause();
+    recording = await openRecording(requested(), { begun, heard, ended, failed });
+    shown = null;
+    bars = new Float32Array(LIVE_BARS);
+    $("record").textContent = "Stop";
+    Object.assign($("level"), { hidden: false, value: $("level").min });
+    $("seek").disabled = true;
+  } finally {
+    $("record").disabled = false;
+  }
+}
+
+function begun({ latency_s }) {
+  say("live", `live: latency ${Math.round(1000 * (latency_s + SMOOTH_S))} ms`);
+}
+
+// Level in dB of full scale, and the last ten seconds of the waveform.
+function heard(samples) {
+  const power = samples.reduce((sum, sample) => sum + sample * sample, 0) / samples.length;
+  const level = Math.max($("level").min, 10 * Math.log10(power + 1e-9));
+  $("level").value = level;
+  $("level").textContent = `${Math.round(level)} dB`;
+  bars.copyWithin(0, 1);
+  bars.set(peaks(samples, 1), LIVE_BARS - 1);
+}
+
+function ended(sound) {
+  recording = null;
+  $("record").textContent = "Record";
+  $("level").hidden = true;
+  if (sound) load(sound);
 }
 
 function draw() {
-  const row = recording ? liveRow(recording.live) : shownRow();
+  const row = recording ? liveRow(recording) : shownRow();
   if (row) stage.pose(0, row);
   stage.draw();
+  drawWave($("wave"), bars, recording ? 1 : $("sound").currentTime / $("seek").max);
+  if (shown) {
+    $("seek").value = $("sound").currentTime;
+    $("seek").ariaValueText = `${$("sound").currentTime.toFixed(1)} of ${shown.seconds.toFixed(1)} seconds`;
+  }
   requestAnimationFrame(draw);
 }
 
@@ -189,24 +291,6 @@ function shownRow() {
   if (!shown) return null;
   const frame = Math.min(Math.floor($("sound").currentTime * shown.fps), shown.frames - 1);
   return shown.rows.subarray(frame * shown.columns, (frame + 1) * shown.columns);
-}
-
-function pcm(chunks) {
-  const samples = chunks.flatMap((chunk) => [...chunk]);
-  return Int16Array.from(samples, (sample) => Math.max(-32768, Math.min(32767, Math.round(sample * 32767))));
-}
-
-function wav(chunks) {
-  const samples = pcm(chunks);
-  const view = new DataView(new ArrayBuffer(44));
-  const text = (at, letters) => [...letters].forEach((letter, index) => view.setUint8(at + index, letter.charCodeAt(0)));
-  text(0, "RIFF");
-  view.setUint32(4, 36 + samples.byteLength, true);
-  text(8, "WAVEfmt ");
-  [[16, 16], [28, 2 * RATE], [24, RATE], [40, samples.byteLength]].forEach(([at, value]) => view.setUint32(at, value, true));
-  [[20, 1], [22, 1], [32, 2], [34, 16]].forEach(([at, value]) => view.setUint16(at, value, true));
-  text(36, "data");
-  return new Blob([view, samples], { type: "audio/wav" });
 }
 
 open().catch(failed);
