@@ -74,8 +74,8 @@ speaker; for unseen speakers, a random training speaker is used for each sound. 
 REQUIREMENTS = """### What a model must reach
 
 Margins (motion is like motion, whatever the sound) and ties (it follows its sound); bold: missed. Random and Mismatched
-have the margins without a tie, a conditional mean ties without margins. Gaze at rest is compared with fitted motion, the
-training target; true gaze trembles between saccades and rests less. Ratios of averted gaze are of test and unseen
+have the margins without a tie, a conditional mean ties without margins. Gaze at rest is compared with fitted motion,
+the training target; true gaze trembles between saccades and rests less. Ratios of averted gaze are of test and unseen
 together. Bounds are choices of this project.
 """
 FACES = """# The face
