@@ -63,10 +63,10 @@ def test_synthesis_settings_are_not_logged_for_other_corpora():
         ("truth", ["train.seed=1"], "truth"),
         ("vae", [], "vae seed 1"),
         ("vae", ["train.seed=1", "sample.seed=1", "workspace=x", "hydra/launcher=basic"], "vae seed 1"),
-        ("vae", ["model.vae.width=64", "model.talkingeyes_events.weights.head_kl=1"], "vae seed 1, width=64"),
+        ("vae", ["model.vae.width=64", "model.talkingeyes.weights.head_kl=1"], "vae seed 1, width=64"),
         (
             "talkingeyes",
-            ["+model.talkingeyes_events.weights.head_kl=1", "pretrain.gaze_patches.codes=256", "fit=adam"],
+            ["+model.talkingeyes.weights.head_kl=1", "pretrain.gaze_patches.codes=256", "fit=adam"],
             "talkingeyes seed 1, weights.head_kl=1, codes=256, fit=adam",
         ),
     ],
