@@ -236,7 +236,7 @@ def test_stages_needed_by_a_trial():
 
 
 def test_model_reads_its_tokenizer():
-    params = compose(["+pretrain@pretrain.gaze_patches=gaze_patches", "model.talkingeyes_paper.tokenizer=gaze_patches"])
+    params = compose(["model.talkingeyes_paper.tokenizer=gaze_patches"])
     found = [
         call.address for call in required_calls(stage_calls(params, stage_order(params)), "train@talkingeyes_paper")
     ]
