@@ -23,7 +23,6 @@ from talkingeyes.physiology import saccades as main_sequence
 from talkingeyes.physiology.frame_saccades import find_saccades
 
 MIN_DETECTOR_FPS = 60.0  # at lower rates, frames do not resolve a saccade
-CLOSING_RATIO = 0.3  # closing fraction of a blink's duration
 
 
 def write_keys(motion: Motion, path: Path, events: Events | None = None) -> None:
