@@ -68,15 +68,16 @@ INTRODUCTION = """# Table III
 
 Each value is followed by its interval over clips. L2, Diversity and Corr. compare with fitted motion, speeds with the
 true motion. The mean pose wins every L2 and a conditional mean wins Corr.: compare both with truth, fitted and
-mismatched motion. The paper's values are of another corpus and another critic. `TalkingEyes` is conditioned on the
-speaker; for unseen speakers, a random training speaker is used for each sound. All other models are unconditional.
+mismatched motion. The paper's values are of another corpus and another critic. `TalkingEyes`, its row with events
+and `Untrained` are conditioned on the speaker; for unseen speakers, a random training speaker is used for each sound.
+All other models are unconditional.
 """
 REQUIREMENTS = """### What a model must reach
 
 Margins (motion is like motion, whatever the sound) and ties (it follows its sound); bold: missed. Random and Mismatched
 have the margins without a tie, a conditional mean ties without margins. Gaze at rest is compared with fitted motion,
 the training target; true gaze trembles between saccades and rests less. Ratios of averted gaze are of test and unseen
-together. Bounds are choices of this project.
+together. Bounds are choices of this project, set when figures of an earlier run on test and unseen were known.
 """
 FACES = """# The face
 
