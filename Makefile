@@ -41,9 +41,9 @@ $(VENV)/.stamp: requirements.lock pyproject.toml
 # A model learns on one core, and DVC runs one stage after the other: these two rows of stages run side by side (-s: what
 # is before them is there). `dvc repro` alone gives the same; here it makes what is left, and says what failed.
 ONE_CORE = pretrain@gaze_frames train@talkingeyes_paper sample@talkingeyes_paper train@vae sample@vae critic \
-	pretrain@gaze_patches train@talkingeyes sample@talkingeyes
+	pretrain@gaze_patches train@talkingeyes sample@talkingeyes information@talkingeyes
 OTHER_CORE = pretrain@face train@probtalk3d sample@probtalk3d train@talkingeyes_events sample@talkingeyes_events \
-	train@talkingeyes_live sample@talkingeyes_live
+	train@talkingeyes_live sample@talkingeyes_live information@talkingeyes_live information@talkingeyes_events
 
 demo:  ## Animate the packaged recording with the packaged model; opens build/demo/index.html, three samples side by side
 	@start=$$(date +%s); $(MAKE) --no-print-directory setup && \

@@ -33,6 +33,7 @@ from talkingeyes.orchestration.stage_graph import (
 )
 
 REFERENCES = ("truth", "fitted", "mismatched")
+GAZE_WITH_LIKELIHOOD = ("point_process", "categorical")
 ValidationCallback = Callable[[int, dict[str, float]], None]
 
 
@@ -40,12 +41,14 @@ def stage_order(params: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     """The stages in order, each with its item, if any."""
     models = list(params["model"])
     watched = [name for name, model in params["model"].items() if "gaze" in model["parts"]]
+    scored = [name for name in watched if params["model"][name].get("gaze", {}).get("kind") in GAZE_WITH_LIKELIHOOD]
     judged = [name for name, model in params["model"].items() if {"gaze", "face"} & set(model["parts"])]
     yield from (("synthesize",), ("fit",), ("embed",))
     yield from (("pretrain", tokenizer) for tokenizer in params["pretrain"])
     yield from (("train", model) for model in models)
     yield ("critic",)
     yield from (("validate", model) for model in watched)
+    yield from (("information", model) for model in scored)
     yield from (("sample", model) for model in judged)
     yield from (("evaluate", row) for row in (*REFERENCES, *judged))
     yield ("report",)

@@ -1,6 +1,7 @@
 """Stage `report`: Table III beside the paper's values, requirements and whether they are met, and plots.
 
-Reads   data/evaluate/* (metrics, speeds, the gaze benchmark), data/critic/report.json and notes.txt; for plots the
+Reads   data/evaluate/* (metrics, speeds, the gaze benchmark), data/information/*, data/critic/report.json and
+        notes.txt; for plots the
         corpus and data/sample/*; if they exist, data/fit/table8.json and data/pretrain/*/codes.json
 Writes  data/report/: metrics.json {row: {split: {part: {metric: value}}}}, table3.md, table3.csv, and as PNG: metrics,
         traces (several samples of one sound), speeds, code usage, benchmark (all metrics beside the truth's
@@ -32,6 +33,7 @@ from talkingeyes.evaluation.benchmark.strip_plot import plot_strips
 from talkingeyes.evaluation.benchmark.table import from_json
 from talkingeyes.evaluation.benchmark.table import markdown as benchmark_markdown
 from talkingeyes.evaluation.face.table import face_markdown
+from talkingeyes.evaluation.model_selection.information import information_table
 from talkingeyes.evaluation.paper_metrics.report_summary import report_summary, row_metrics
 from talkingeyes.evaluation.paper_metrics.requirements import (
     Requirement,
@@ -72,6 +74,12 @@ mismatched motion. The paper's values are of another corpus and another critic. 
 and `Untrained` are conditioned on the speaker; for unseen speakers, a random training speaker is used for each sound.
 All other models are unconditional.
 """
+INFORMATION = """### Information that speech gives about motion
+
+In nats per second, with intervals over speakers: log-likelihood of fitted motion less that under the same model trained
+without speech. Head given speech, gaze given speech and head; total: both. Above 0: what was learnt from speech holds
+for sounds that were not trained on. Random and other rows without a likelihood have no line; they listen to nothing.
+"""
 REQUIREMENTS = """### What a model must reach
 
 Margins (motion is like motion, whatever the sound) and ties (it follows its sound); bold: missed. Random and Mismatched
@@ -103,6 +111,8 @@ def run(workspace: Workspace) -> Report:
         for path in sorted(workspace.data("pretrain").glob("*/codes.json"))
     }
     benchmarks = _benchmarks(workspace.data("evaluate"), order_rows(eyes))
+    informed = {path.parent.name: _json(path) for path in workspace.data("information").glob("*/metrics.json")}
+    informed = {name: informed[name] for name in order_rows(eyes) if name in informed}
     upstream = [*critic_requirements(eyes), *_upstream(workspace.data("fit", "table8.json"), counts)]
     required = {name: model_requirements(eyes, benchmarks, name) for name in order_rows(eyes)}
     with workspace.output("report") as folder:
@@ -111,11 +121,11 @@ def run(workspace: Workspace) -> Report:
         (folder / "table3.csv").write_text(to_csv(eyes))
         critic = _json(workspace.data("critic", "report.json"))
         notes = workspace.data("critic", "notes.txt").read_text()
-        (folder / "table3.md").write_text(_page(eyes, critic, notes, upstream, required, benchmarks))
-        (folder / "summary.txt").write_text(report_summary(rows, required, upstream, "data/report"))
+        (folder / "table3.md").write_text(_page(eyes, critic, notes, upstream, required, benchmarks, informed))
+        (folder / "summary.txt").write_text(report_summary(rows, informed, required, upstream, "data/report"))
         (folder / "rows").mkdir()
         for name, row in rows.items():
-            figures = row_metrics(row, required.get(name, ()))
+            figures = row_metrics(row, informed.get(name), required.get(name, ()))
             (folder / "rows" / f"{name}.json").write_text(json.dumps(figures, indent=1) + "\n")
         (folder / "face.md").write_text(FACES + face_markdown(rows))
         plot_strips(
@@ -129,6 +139,10 @@ def run(workspace: Workspace) -> Report:
     artifacts = [path for path in sorted(workspace.data("report").iterdir()) if path.suffix]
     pictures = [path for path in artifacts if path.suffix in (".png", ".md")]
     flat = {name: _flat(row) for name, row in _values(rows).items()}
+    for name, row in informed.items():
+        flat[name] |= {
+            f"{split}/information/{key}": each["value"] for split in row for key, each in row[split]["own"].items()
+        }
     return Report(
         metrics={
             f"requirements_missed/{name}": float(sum(not each.is_met for each in required[name])) for name in required
@@ -145,8 +159,12 @@ def _page(
     upstream: list[Requirement],
     required: Mapping[str, Sequence[Requirement]],
     benchmarks: Mapping[str, Sequence[MetricResult]],
+    informed: Mapping[str, Any],
 ) -> str:
-    parts = [INTRODUCTION, REQUIREMENTS, model_requirements_table(required), "", markdown(rows), BENCHMARK]
+    parts = [INTRODUCTION]
+    if informed:
+        parts += [INFORMATION, information_table(informed, TITLES), ""]
+    parts += [REQUIREMENTS, model_requirements_table(required), "", markdown(rows), BENCHMARK]
     parts += [
         benchmark_markdown(benchmarks, TITLES),
         "\n### Requirements on fitting, codebooks and critics\n",

@@ -9,6 +9,8 @@ N splits the batches.
 """
 
 import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -81,27 +83,58 @@ def _fit_without_loop(workspace: Workspace, name: str, kind: str | None, seed: i
 def _network(
     workspace: Workspace, name: str, settings: MotionTaskSettings, seed: int, context: ExecutionContext
 ) -> Report:
+    codebook = _codebook(workspace, settings.tokenizer)
+    trained = train_motion(workspace, name, settings, seed, codebook, context)
+    task = trained.task
+    task.fit_equaliser()
+    chosen = task.choose_temperature()
+    figures = {**trained.history[-1], **chosen, "temperature": float(task.module.temperature), **task.truth_metrics()}
+    with workspace.output("train", name) as folder:
+        trained.save(folder, [*trained.history, chosen])
+        _copy_inference_files(workspace, folder)
+    trained.resume.remove()
+    weights = sum(parameter.numel() for parameter in task.module.parameters())
+    return Report(metrics={**figures, "parameters": weights})
+
+
+@dataclass(frozen=True)
+class TrainedMotion:
+    """A trained network of head and gaze, before anything is chosen on val."""
+
+    task: MotionTask
+    history: list[dict[str, float]]
+    resume: ResumeFile
+    channels: tuple[str, ...]
+    codebook: GazeVQVAE | None
+
+    def save(self, folder: Path, history: Sequence[Mapping[str, float]]) -> None:
+        """Write what generation needs."""
+        config = network_config(self.task.settings, self.channels, self.codebook, self.task.module)
+        save(folder, self.task.module.state_dict(), config, history)
+
+
+def train_motion(
+    workspace: Workspace,
+    name: str,
+    settings: MotionTaskSettings,
+    seed: int,
+    codebook: GazeVQVAE | None,
+    context: ExecutionContext,
+    reads: Sequence[Path] = (),
+) -> TrainedMotion:
+    """Train a network of head and gaze. An interrupted training of this name is resumed if its settings and what it
+    reads are the same; `reads`: files besides those that every training reads."""
     corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
     normaliser = Normaliser.of(embed)
-    codebook = _codebook(workspace, settings.tokenizer)
     data = recordings(corpus, fit, embed, "train"), recordings(corpus, fit, embed, "val")
     start = load(workspace.data("train", settings.init_from)) if settings.init_from else None
     task = MotionTask(settings, seed, *data, normaliser, codebook, ConditioningPaths(corpus, embed), start)
-    resume = _resume_file(workspace, name, settings, seed, context)
+    resume = _resume_file(workspace, name, settings, seed, context, reads)
     history = train(
         task, settings.loop, f"train {name}", on_validation=workspace.on_validation, context=context, resume=resume
     )
     context.exit_unless_main()
-    task.fit_equaliser()
-    chosen = task.choose_temperature()
-    figures = {**history[-1], **chosen, "temperature": float(task.module.temperature), **task.truth_metrics()}
-    with workspace.output("train", name) as folder:
-        config = network_config(settings, normaliser.channels, codebook, task.module)
-        save(folder, task.module.state_dict(), config, [*history, chosen])
-        _copy_inference_files(workspace, folder)
-    resume.remove()
-    weights = sum(parameter.numel() for parameter in task.module.parameters())
-    return Report(metrics={**figures, "parameters": weights})
+    return TrainedMotion(task, history, resume, normaliser.channels, codebook)
 
 
 def _face(workspace: Workspace, name: str, settings: FaceTaskSettings, seed: int, context: ExecutionContext) -> Report:
@@ -214,13 +247,23 @@ def _canonical(workspace: Workspace, name: str, settings: CanonicalModelSettings
 
 
 def _resume_file(
-    workspace: Workspace, name: str, settings: NetworkSettings, seed: int, context: ExecutionContext
+    workspace: Workspace,
+    name: str,
+    settings: NetworkSettings,
+    seed: int,
+    context: ExecutionContext,
+    more: Sequence[Path] = (),
 ) -> ResumeFile:
     """The resume file of this training, with a fingerprint of all its dependencies."""
     folders = [workspace.data("fit"), workspace.data("embed"), workspace.data("pretrain", str(settings.tokenizer))]
     if isinstance(settings, MotionTaskSettings) and settings.init_from:
         folders.append(workspace.data("train", settings.init_from))
-    reads = (workspace.corpus / "clips.parquet", *(folder / CHECKSUMS_FILE for folder in folders), Path(__file__))
+    reads = (
+        workspace.corpus / "clips.parquet",
+        *(folder / CHECKSUMS_FILE for folder in folders),
+        *more,
+        Path(__file__),
+    )
     made_of = (settings.model_dump(mode="json"), seed, context.describe())
     return ResumeFile.of(workspace.data(f".train-{name}.resume"), made_of, reads)
 

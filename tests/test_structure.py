@@ -23,7 +23,7 @@ from talkingeyes.orchestration.config import compose, format_params
 from talkingeyes.orchestration.run import configure_environment
 
 # The stage `report` has no settings; these sections and scripts belong to no stage.
-WITHOUT_SETTINGS = {"report"}
+WITHOUT_SETTINGS = {"information", "report"}
 NO_STAGE = {
     "audio_motion_probes",
     "combinations",

@@ -21,9 +21,10 @@ STAGES = {
     "train": (620, 130),
     "critic": (620, 310),
     "sample": (780, 220),
+    "information": (780, 40),
     "validate": (780, 130),
     "evaluate": (780, 310),
-    "report": (940, 310),
+    "report": (940, 220),
 }
 DATA = {"corpus": (230, 170), "motion": (490, 90), "features": (490, 250)}
 ARROWS = (
@@ -39,11 +40,13 @@ ARROWS = (
     ("pretrain", "train"),
     ("motion", "critic"),
     ("features", "critic"),
+    ("train", "information"),
     ("train", "validate"),
     ("train", "sample"),
     ("sample", "evaluate"),
     ("critic", "evaluate"),
     ("evaluate", "report"),
+    ("information", "report"),
 )
 LABEL_W, LABEL_H = 70, 22
 

@@ -29,9 +29,15 @@ from talkingeyes.models.condition.conditioner import (
     InputName,
     TrainingStatistics,
 )
-from talkingeyes.models.gaze.generator import GAZE_GENERATORS, GazeComponentSettings, GazeCondition, GazeGenerator
+from talkingeyes.models.gaze.generator import (
+    GAZE_GENERATORS,
+    GazeComponentSettings,
+    GazeCondition,
+    GazeGenerator,
+    GazeLikelihood,
+)
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
-from talkingeyes.models.head.generator import HEAD_GENERATORS, HeadComponentSettings, HeadGenerator
+from talkingeyes.models.head.generator import HEAD_GENERATORS, HeadComponentSettings, HeadGenerator, HeadLikelihood
 from talkingeyes.models.layers import distributed
 from talkingeyes.models.speech_projection import (
     CausalSpeechProjectionSettings,
@@ -203,6 +209,24 @@ class SpeechToMotion(nn.Module):
             raise InputError(f"weights: should be among {', '.join(sorted(loss_terms))}; got {min(unknown)!r}")
         total = sum(weight * loss_terms[name] for name, weight in self.settings.weights.items())
         return {"total": total, **loss_terms}  # type: ignore[dict-item]
+
+    @torch.no_grad()
+    def log_likelihood(self, batch: MotionBatch) -> dict[str, Float[Tensor, " B"]]:
+        """Log-likelihood of true head motion given speech, and of true gaze given both, in nats per row.
+
+        Terms are named by part (`head_time`); a part whose generator has no likelihood has none.
+        """
+        batch = batch.to(self.temperature.device)
+        speech = self.encode_speech(batch.speech, batch.conditioning)
+        terms: dict[str, Tensor] = {}
+        if isinstance(self.head, HeadLikelihood):
+            found = self.head.log_likelihood(speech.head, batch.head)
+            terms |= {f"head_{name}": value for name, value in found.items()}
+        if isinstance(self.gaze, GazeLikelihood):
+            condition = GazeCondition(speech.gaze, batch.head, self.head.normal(batch.head))
+            found = self.gaze.log_likelihood(condition, batch.gaze)
+            terms |= {f"gaze_{name}": value for name, value in found.items()}
+        return terms
 
     def _mix_heads(
         self, speech: Float[Tensor, "B T S"], true: Float[Tensor, "B T 3"], posterior: Float[Tensor, "B T 3"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from talkingeyes.evaluation.paper_metrics.requirements import Requirement, count_met
 from talkingeyes.evaluation.paper_metrics.table3 import TITLES, MethodMetrics, metric, order_rows
@@ -15,21 +16,26 @@ COLUMNS = (
     ("Corr. head", "head", "corr"),
 )
 FACE_METRICS = (("face_mve_mm", "face", "mve"), ("face_lve_mm", "face", "lve"))
+INFORMATION = "speech, nats/s"
 MET = "requirements met"
 MAX_MISSED = 4
 
 
 def report_summary(
     rows: Mapping[str, MethodMetrics],
+    informed: Mapping[str, Mapping[str, Any]],
     required: Mapping[str, Sequence[Requirement]],
     upstream: Sequence[Requirement],
     folder: str,
 ) -> str:
-    """The summary. `required`: of each model; `upstream`: of the stages before; `folder`: where the report is."""
+    """The summary. `informed`: rows of the stage `information`; `required`: of each model; `upstream`: of the stages
+    before; `folder`: where the report is."""
     gaze = {name: row for name, row in rows.items() if metric(row, SPLIT, "gaze", "speed")}
-    cells = [["", *(title for title, _, _ in COLUMNS), MET]]
+    cells = [["", INFORMATION, *(title for title, _, _ in COLUMNS), MET]]
     for name in order_rows(gaze):
-        cells.append([TITLES.get(name, name), *_figures(rows[name]), _met(required[name])])
+        known = information_on_unseen(informed.get(name))
+        heard = "" if known is None else f"{known:.2f}"
+        cells.append([TITLES.get(name, name), heard, *_figures(rows[name]), _met(required[name])])
     widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
     table = ["  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])]) for line in cells]
     missed = [each for each in upstream if not each.is_met]
@@ -50,12 +56,21 @@ def report_summary(
     )
 
 
-def row_metrics(row: MethodMetrics, required: Sequence[Requirement]) -> dict[str, float]:
+def information_on_unseen(row: Mapping[str, Any] | None) -> float | None:
+    """Information that speech gives the model about motion, nats per second; None for a row without a likelihood."""
+    return None if row is None else float(row[SPLIT]["own"]["total"]["value"])
+
+
+def row_metrics(
+    row: MethodMetrics, informed: Mapping[str, Any] | None, required: Sequence[Requirement]
+) -> dict[str, float]:
     """The figures of the summary of one row, which `dvc metrics show` prints as a line."""
+    known = information_on_unseen(informed)
+    first = {} if known is None else {"information": round(known, 4)}
     named = [*((f"{part}_{name}", part, name) for _, part, name in COLUMNS), *FACE_METRICS]
     found = {title: metric(row, SPLIT, part, name) for title, part, name in named}
     met = {"requirements_met": float(count_met(required))} if required else {}
-    return {title: round(each["value"], 4) for title, each in found.items() if each} | met
+    return first | {title: round(each["value"], 4) for title, each in found.items() if each} | met
 
 
 def _figures(row: MethodMetrics) -> list[str]:

@@ -106,6 +106,14 @@ class CategoricalGaze(nn.Module):
             history = self._scheduled_history(self.settings.history, codes, self._logits(history, memory).detach())
         return {"gaze_codes": F.cross_entropy(self._logits(history, memory).flatten(0, 1), codes.flatten())}
 
+    def log_likelihood(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
+        """Log-likelihood of the codes of true gaze (`codes`), without the first and without a part of a code at the
+        end."""
+        codes, history = self._encode(condition.head, gaze)
+        memory = self.memory(condition)[:, : codes.shape[1]]
+        likelihood = self._logits(history, memory).log_softmax(-1).gather(2, codes[..., None])
+        return {"codes": likelihood[:, 1:, 0].sum(1)}
+
     @torch.no_grad()
     def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Sample codes autoregressively. D_VQ decodes gaze in space; the eyes compensate for the head."""

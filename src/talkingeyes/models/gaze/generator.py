@@ -65,6 +65,15 @@ class GazeGenerator(Protocol):
 
 
 @runtime_checkable
+class GazeLikelihood(Protocol):
+    """Further member of a gaze generator whose true gaze has a likelihood."""
+
+    def log_likelihood(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
+        """Named terms of the log-likelihood of true gaze, in nats per row, given speech and true head motion."""
+        ...
+
+
+@runtime_checkable
 class GazeStream(Protocol):
     """State of one stream of gaze."""
 

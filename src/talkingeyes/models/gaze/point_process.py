@@ -87,10 +87,16 @@ class PointProcessGaze(nn.Module):
 
     def loss_terms(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """Negative log-likelihood of the fixations of true gaze."""
-        found = saccade_landings(cyclopean_and_vergence(to_signal_tensor("gaze_in_space", condition.head, gaze)))
-        events = EventSequence.from_frames(found.onset, (found.landing - self.centre) / self.scale, self.bin_frames)
-        loss_terms = self.process.loss_terms(events, self.binned_condition(condition))
+        loss_terms = self.process.loss_terms(self._events(condition, gaze), self.binned_condition(condition))
         return {f"gaze_{name}": value for name, value in loss_terms.items()}
+
+    def log_likelihood(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
+        """Log-likelihood of the saccades of true gaze: when they start (`time`), and where they land."""
+        return self.process.log_likelihood(self._events(condition, gaze), self.binned_condition(condition))
+
+    def _events(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> EventSequence:
+        found = saccade_landings(cyclopean_and_vergence(to_signal_tensor("gaze_in_space", condition.head, gaze)))
+        return EventSequence.from_frames(found.onset, (found.landing - self.centre) / self.scale, self.bin_frames)
 
     @torch.no_grad()
     def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:

@@ -7,7 +7,7 @@ Each generator is one file of this folder: `vae` (the paper's), `causal_vae` (fo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 from jaxtyping import Float
 from pydantic import BeforeValidator, SerializeAsAny
@@ -54,4 +54,13 @@ class HeadGenerator(Protocol):
 
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
         """Sample rotation vectors, one seed per row. The result of a seed does not depend on the rest of the batch."""
+        ...
+
+
+@runtime_checkable
+class HeadLikelihood(Protocol):
+    """Further member of a head generator whose true motion has a likelihood."""
+
+    def log_likelihood(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> dict[str, Tensor]:
+        """Named terms of the log-likelihood of true head motion, in nats per row."""
         ...

@@ -59,9 +59,15 @@ class PointProcessHead(nn.Module):
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
         """Likelihood of the segments of true motion. Nothing is reconstructed: gaze is trained on the true head."""
-        events = EventSequence.from_frames(speed_minima(head), self.normal(head), self.bin_frames)
-        loss_terms = self.process.loss_terms(events, bin_means(speech, self.bin_frames))
+        loss_terms = self.process.loss_terms(self._events(head), bin_means(speech, self.bin_frames))
         return HeadPrediction(head, {f"head_{name}": value for name, value in loss_terms.items()})
+
+    def log_likelihood(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> dict[str, Tensor]:
+        """Log-likelihood of the speed minima of true motion: when they are (`time`), and the pose there."""
+        return self.process.log_likelihood(self._events(head), bin_means(speech, self.bin_frames))
+
+    def _events(self, head: Float[Tensor, "B T 3"]) -> EventSequence:
+        return EventSequence.from_frames(speed_minima(head), self.normal(head), self.bin_frames)
 
     @torch.no_grad()
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:

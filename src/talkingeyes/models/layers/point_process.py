@@ -36,6 +36,8 @@ INITIAL_AR_COEFFICIENTS = (0.4, 1.0)  # from the strongest pull to the centre to
 # have no other component near them that could learn them (docs/log.md).
 INITIAL_SD, INITIAL_BACKGROUND_SD = 0.2, 1.5
 
+HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
+
 
 class PointProcessSettings(Settings):
     """Size of the process, and its regularisation against over-reliance on its own history."""
@@ -171,20 +173,34 @@ class PointProcess(nn.Module):
     def loss_terms(self, events: EventSequence, condition: Float[Tensor, "B N C"]) -> dict[str, Tensor]:
         """Negative log-likelihoods (`time` per bin, `location` per event) and any loss of the mixture centres."""
         centre_losses = self.mixture_centres.auxiliary_loss(events.locations[events.mask])
+        time, location = self._log_likelihoods(events, condition)
+        return {"time": -time.mean(), "location": -location.sum() / events.mask.sum(), **centre_losses}
+
+    def log_likelihood(self, events: EventSequence, condition: Float[Tensor, "B N C"]) -> dict[str, Tensor]:
+        """Log-likelihood of each sequence in nats, `time` and `location`, without the location of the first event."""
+        time, location = self._log_likelihoods(events, condition)
+        return {"time": time.sum(1), "location": location[:, 1:].sum(1)}
+
+    def _log_likelihoods(
+        self, events: EventSequence, condition: Float[Tensor, "B N C"]
+    ) -> tuple[Float[Tensor, "B M"], Float[Tensor, "B K"]]:
+        """Log-likelihood of every bin but the first (an event or none), and of the location of every event (0 for
+        padding)."""
         encoded_condition = self.condition_encoder(condition)
         past = self._past(events, encoded_condition)
         features = self._features(past, encoded_condition)
-        count = condition.shape[1]
-        happened = torch.zeros(len(encoded_condition), count, device=encoded_condition.device)
+        happened = torch.zeros(len(encoded_condition), condition.shape[1], device=encoded_condition.device)
         happened.scatter_add_(1, events.bins, events.mask.float())
-        when = F.binary_cross_entropy_with_logits(self.hazard(features)[:, 1:, 0], happened[:, 1:].clamp(max=1))
+        time = -F.binary_cross_entropy_with_logits(
+            self.hazard(features)[:, 1:, 0], happened[:, 1:].clamp(max=1), reduction="none"
+        )
         index = events.bins[..., None]
         at_events = features.gather(1, index.expand(-1, -1, features.shape[-1]))
         from_place = past.location.gather(1, index.expand(-1, -1, past.location.shape[-1]))
         previous_locations = PreviousLocations.before(events.bins, events.locations, self.settings.previous_locations)
         before = PreviousLocations(previous_locations.locations[:, :-1], previous_locations.dwell_bins[:, :-1])
-        likelihood = self._log_density(at_events, from_place, before, events.locations)
-        return {"time": when, "location": -(likelihood * events.mask).sum() / events.mask.sum(), **centre_losses}
+        location = self._log_density(at_events, from_place, before, events.locations) * events.mask
+        return time, location
 
     def clamped_log_sds(self) -> tuple[Float[Tensor, "M D"], Float[Tensor, " D"]]:
         """Clamped log standard deviations of the Gaussians and of revisits."""
@@ -291,7 +307,7 @@ class PointProcess(nn.Module):
     ) -> Float[Tensor, "B K"]:
         mixture = self._mixture(features, location, previous_locations)
         error = (to[..., None, :] - mixture.centre) * (-mixture.log_sd).exp()
-        inside = (-0.5 * error.square() - mixture.log_sd).sum(-1)
+        inside = (-0.5 * error.square() - mixture.log_sd - HALF_LOG_2PI).sum(-1)
         return (mixture.logits.log_softmax(-1) + inside).logsumexp(-1)
 
 

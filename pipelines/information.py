@@ -1,0 +1,167 @@
+"""Stage `information`: what speech tells a model about the motion of sounds that it was not trained on.
+
+Run: python -m pipelines.information talkingeyes_events
+
+Trains the model's twin without speech input, all else equal, and compares the likelihoods of fitted motion, the
+training target, under both (evaluation/model_selection/information.py).
+
+Reads: the corpus index, data/fit, data/embed, data/train/<model>, and what its training reads.
+
+Writes: data/information/<model>: deaf/, the twin; metrics.json {split: {sound: {figure: {value, low, high}}}} in nats
+per second for val, test and unseen, under the sound itself (`own`) and under another sound of the speaker (`other`),
+which should give nothing.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+
+from pipelines.train import TrainedMotion, train_motion
+from talkingeyes.core.errors import InputError
+from talkingeyes.corpus.recordings import Recording, Recordings
+from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
+from talkingeyes.corpus.store import Corpus
+from talkingeyes.evaluation.model_selection.information import ClipLikelihood, information
+from talkingeyes.evaluation.model_selection.validation_metrics import ValidateSettings
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING
+from talkingeyes.models.speech_projection import SpeechProjectionSettings
+from talkingeyes.models.speech_to_motion import MotionBatch, SpeechToMotion
+from talkingeyes.models.waveform_encoder import WaveformSpeechSettings
+from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main, parallel_map
+from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
+from talkingeyes.training.execution import ExecutionContext
+from talkingeyes.training.motion_generators import NetworkGenerator, load_generator
+from talkingeyes.training.motion_task import MotionTaskSettings, TrainSettings
+
+SPLITS = ("val", "test", "unseen")
+Figures = dict[str, dict[str, dict[str, dict[str, float]]]]  # {split: {sound: {figure: estimate}}}
+
+
+@dataclass(frozen=True)
+class InputPaths:
+    """Paths of the inputs of a model and its twin."""
+
+    corpus: Path
+    fit: Path
+    embed: Path
+    hearing: Path
+    deaf: Path
+
+
+@dataclass(frozen=True)
+class SoundLikelihoods:
+    """Likelihoods of the motion of one clip: under its sound, under another (None: there is none), and deaf."""
+
+    split: str
+    own: ClipLikelihood
+    other: ClipLikelihood | None
+    deaf: ClipLikelihood
+
+
+def run(workspace: Workspace, name: str) -> Report:
+    """Train the twin, and score in parallel over sounds."""
+    settings, data = workspace.settings("validate", ValidateSettings), workspace.data
+    deaf = _train_deaf(workspace, name)
+    corpus, fit, embed = workspace.corpus, data("fit"), data("embed")
+    sounds = group_sounds(Corpus(corpus), fit, embed, SPLITS, 1, settings.seed)
+    with workspace.output("information", name) as folder:
+        (folder / "deaf").mkdir()
+        deaf.save(folder / "deaf", deaf.history)
+        paths = InputPaths(corpus, fit, embed, data("train", name), folder / "deaf")
+        work = parallel_map(partial(score_sound, paths), sounds, workspace.jobs, f"information {name}")
+        figures = _figures(list(work), settings)
+        (folder / "metrics.json").write_text(json.dumps(figures, indent=1))
+    deaf.resume.remove()
+    flat = {
+        f"{split}/{sound}/{key}": estimate["value"]
+        for split, of_split in figures.items()
+        for sound, of_sound in of_split.items()
+        for key, estimate in of_sound.items()
+    }
+    return Report(metrics=flat, artifacts=[data("information", name, "metrics.json")])
+
+
+def _train_deaf(workspace: Workspace, name: str) -> TrainedMotion:
+    """The model trained without speech: the input of its speech layers is constant."""
+    settings = workspace.settings(f"model.{name}", MotionTaskSettings)
+    speech = settings.speech.model_copy(update={"channels": ()})
+    if isinstance(speech, WaveformSpeechSettings):
+        speech = SpeechProjectionSettings.model_validate(speech.model_dump(exclude={"waveform_encoder"}))
+    seed = workspace.settings("train", TrainSettings).seed
+    context = ExecutionContext.single_process(workspace.params["machine"])
+    model = workspace.data("train", name)
+    return train_motion(
+        workspace,
+        f"{name}_deaf",
+        settings.model_copy(update={"speech": speech}),
+        seed,
+        getattr(_network(model).gaze, "codebook", None),
+        context,
+        [model / CHECKSUMS_FILE],
+    )
+
+
+def _figures(found: Sequence[SoundLikelihoods], settings: ValidateSettings) -> Figures:
+    figures: Figures = {}
+    for split in SPLITS:
+        of_split = [each for each in found if each.split == split]
+        deaf = [each.deaf for each in of_split]
+        for sound in ("own", "other"):
+            heard = [likelihood for each in of_split if (likelihood := getattr(each, sound)) is not None]
+            if heard:
+                estimates = information(heard, deaf, settings.bootstrap)
+                figures.setdefault(split, {})[sound] = {key: asdict(value) for key, value in estimates.items()}
+    return figures
+
+
+def score_sound(paths: InputPaths, sound: SoundGroup) -> SoundLikelihoods:
+    """Likelihoods of the fitted motion of one sound."""
+    recording, *others = Recordings([sound.clip, *sound.others], paths.fit, paths.embed)
+    heard = np.array(recording.speech)
+    other = np.resize(others[0].speech, heard.shape) if others else None
+    return SoundLikelihoods(
+        sound.clip.split,
+        _score(paths, paths.hearing, recording, heard),
+        None if other is None else _score(paths, paths.hearing, recording, other),
+        _score(paths, paths.deaf, recording, heard),
+    )
+
+
+def _score(paths: InputPaths, model: Path, recording: Recording, speech: Float[ndarray, "T C"]) -> ClipLikelihood:
+    network, provider = _model(paths, model)
+    inputs = provider.clip_inputs(recording.clip, len(recording)) if provider else NO_CONDITIONING
+    one = [torch.from_numpy(np.array(each))[None] for each in (speech, recording.head, recording.gaze)]
+    terms = network.log_likelihood(MotionBatch(one[0], one[1], one[2], inputs))
+    clip = recording.clip
+    return ClipLikelihood(
+        clip.id, clip.speaker, len(recording) / clip.fps, {name: float(value) for name, value in terms.items()}
+    )
+
+
+@lru_cache(maxsize=2)
+def _model(paths: InputPaths, folder: Path) -> tuple[SpeechToMotion, ConditioningProvider | None]:
+    """A network and the provider of its conditioning inputs, if it needs any; loaded once per process."""
+    network = _network(folder)
+    conditioning_paths = ConditioningPaths(Corpus(paths.corpus), paths.embed)
+    needed = network.required_inputs
+    return network, (ConditioningProvider(needed, network.speakers, (), conditioning_paths) if needed else None)
+
+
+def _network(folder: Path) -> SpeechToMotion:
+    generator = load_generator(folder)
+    if not isinstance(generator, NetworkGenerator):
+        raise InputError(f"{folder}: should be a network whose motion has a likelihood, got a baseline")
+    return generator.network.eval()
+
+
+if __name__ == "__main__":
+    main(run)
