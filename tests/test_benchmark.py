@@ -158,7 +158,7 @@ def test_other_rates_are_compared_by_rate_independent_metrics(reference):
 
 def test_few_clips_are_reported_as_too_few(true, reference):
     found = rows(true[:2], reference, paired=False)
-    assert found["speech_onset/rise"].reason.startswith("needs 400 speech onsets: the motions have")
+    assert found["speech_onset/rise"].reason.startswith("needs 350 speech onsets: the motions have")
     assert found["eye/vergence"].reason == "needs 1500 frames: the motions have 600"
 
 

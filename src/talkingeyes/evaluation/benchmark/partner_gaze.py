@@ -2,7 +2,8 @@
 
 The aversion curve is the fraction of speech onsets (offsets) at which gaze is averted, as a function of the lag. People
 tend to begin to speak with gaze averted and to finish with gaze at the partner (Kendon 1967; Ho, Foulsham & Kingstone
-2015). The effect is weak: below some 400 onsets the curve is noise.
+2015). The effect is weak: below some 400 onsets the curve is noise. Onsets in the first two seconds of a clip are left
+out: clips begin alike, with silence and then speech, so that motion under any other sound shows part of the effect.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ LAGS_S = np.arange(-20, 21) / 10
 DURATION_BINS_S = Bins(0.0, 8.0, 80)
 # Speaking spans with a shorter gap between them count as one.
 MIN_PAUSE_S = 0.25
-MIN_EVENTS = 400
+MIN_EVENTS = 350
+FIRST_ONSET_S = 2.0
 # Windows of lags in seconds: before, around and after onsets; before and after offsets.
 BEFORE_ONSET_S, AT_ONSET_S, AFTER_ONSET_S = (-2.0, -1.4), (-0.3, 0.7), (1.4, 2.0)
 BEFORE_OFFSET_S, AFTER_OFFSET_S, AT_OFFSET_S = (-1.0, 0.0), (0.4, 1.2), (-0.4, 0.0)
@@ -54,6 +56,7 @@ def extract_aversion_curves(behaviour: Behaviour) -> Sums:
     gaps = [after.start_s - before.end_s for before, after in pairwise(spans)]
     apart = [np.inf, *gaps, np.inf]
     start = [span.start_s for span, gap in zip(spans, apart[:-1], strict=False) if gap >= MIN_PAUSE_S]
+    start = [time_s for time_s in start if time_s >= FIRST_ONSET_S]
     end = [span.end_s for span, gap in zip(spans, apart[1:], strict=False) if gap >= MIN_PAUSE_S]
     onset, offset = (_around(behaviour, np.array(times)) for times in (start, end))
     return {
@@ -202,7 +205,7 @@ METRICS = (
         "fraction averted from -0.3 to 0.7 s less that from -2 to -1.4 s, around the same onsets",
         compute=partial(_change, event="onset", to=AT_ONSET_S, base=BEFORE_ONSET_S),
         source="Kendon 1967; Ho, Foulsham & Kingstone 2015",
-        caveat="clips that start with speech have no frames before it: lags outside the clip do not count",
+        caveat="onsets in the first two seconds are left out",
     ),
     _onset(
         "speech_onset/drop",
