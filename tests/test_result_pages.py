@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from pipelines import combinations, face_table, people, posegan_table, reference_ranges_model, tables
+from pipelines import combinations, face_table, field_baselines, people, posegan_table, reference_ranges_model, tables
 from talkingeyes.evaluation.bootstrap import Estimate
 from talkingeyes.evaluation.face.table import face_markdown
 from talkingeyes.evaluation.multi_seed import MultiSeedEstimate
@@ -42,6 +42,10 @@ def test_page_of_faces() -> None:
 
 def test_page_of_people() -> None:
     assert page("people") == people.page(numbers("people"))
+
+
+def test_page_of_the_field_s_baselines() -> None:
+    assert page("field_baselines") == field_baselines.page(numbers("field_baselines"))
 
 
 def test_page_of_combinations(monkeypatch: Any) -> None:

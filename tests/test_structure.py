@@ -31,6 +31,8 @@ NO_STAGE = {
     "evaluate_face",
     "experiment",
     "face_table",
+    "field_baselines",
+    "field_generators",
     "hydra",
     "machine",
     "model",
