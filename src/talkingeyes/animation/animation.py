@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from talkingeyes.animation.event_keys import save_keys
+from talkingeyes.animation.event_keys import ShiftReason, save_keys
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory
 from talkingeyes.animation.saccade_resampling import resample
 from talkingeyes.core import rotation
@@ -18,16 +18,17 @@ from talkingeyes.physiology import blinks, eye_head
 
 @dataclass(frozen=True)
 class Animation:
-    """A motion and the saccades and blinks in it."""
+    """A motion and the saccades and blinks in it; `reasons` tells why gaze shifts, a saccade each, if it is known."""
 
     motion: Motion
     events: Events
+    reasons: tuple[ShiftReason, ...] = ()
 
     def save(self, path: Path | str) -> None:
         """Write the motion (.npz), and beside it the events as keys for editing (NAME.events.json)."""
         path = Path(path)
         self.motion.save(path)
-        save_keys(path.with_name(f"{path.stem}.events.json"), self.events, self.motion.fps)
+        save_keys(path.with_name(f"{path.stem}.events.json"), self.events, self.motion.fps, self.reasons)
 
 
 def render_trajectory(trajectory: GazeTrajectory, sampled_blinks: Sequence[Blink], fps: float) -> Animation:

@@ -19,14 +19,17 @@ from numpy import ndarray
 from talkingeyes.animation.animation import Animation
 from talkingeyes.animation.context import AnimationContext, sample_seeds
 from talkingeyes.animation.controls import NEUTRAL_FACE, Controls
+from talkingeyes.animation.conversation_states import resolve_states, with_states
 from talkingeyes.animation.face import FaceAnimator, find_face_model
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory
 from talkingeyes.animation.inference.loading import load_motion_generator
 from talkingeyes.animation.inference.motion import NumpyMotionGenerator
 from talkingeyes.animation.model_file import open_model
 from talkingeyes.animation.pipeline import animate_sample
+from talkingeyes.audio.annotation import Span
 from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
 from talkingeyes.audio.turn_taking import detect_turns
+from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core import rotation
 from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
@@ -120,12 +123,14 @@ class Animator:
     ) -> list[Animation]:
         """Animate speech that is already embedded.
 
-        Without the sound, the times of speech are unknown: blinks do not depend on phrases, and a partner is refused.
+        Without the sound, the times of speech are unknown: blinks do not depend on phrases, and a partner and states
+        are refused.
         If the face model has another encoder, there is no face either.
         """
         self._check(controls)
-        if controls.partner is not None and sound is None:
-            raise InputError("partner: should come with the sound of the speech itself, got embedded speech")
+        for name, control in (("partner", controls.partner), ("states", controls.states)):
+            if control is not None and sound is None:
+                raise InputError(f"{name}: should come with the sound of the speech itself, got embedded speech")
         return self._generate_all(embedding, np.zeros(0) if sound is None else sound, samples, seed, fps, controls)
 
     def _check(self, controls: Controls) -> None:
@@ -172,13 +177,19 @@ class Animator:
         """The context of all samples; `sound` is empty if it is not known."""
         style = controls.style
         partner = np.zeros(0) if controls.partner is None else controls.partner
+        turns = detect_turns(sound, partner) if len(sound) else None
+        states: tuple[Span, ...] = ()
+        if turns is not None and controls.states is not None:
+            states = resolve_states(controls.states, turns, len(sound) / SAMPLE_RATE)
+            turns = with_states(turns, states)
         return AnimationContext(
             controls,
             seeds=(seed,),
             blink_profile=self.blink_profiles[controls.blinks],
             motion_style=self.speaker_styles[style] if isinstance(style, str) else style,
             blink_rate_rank=self._blink_rate_rank(person),
-            turns=detect_turns(sound, partner) if len(sound) else None,
+            turns=turns,
+            states=states,
         )
 
     def _person(self, controls: Controls, seed: int) -> str | None:

@@ -11,7 +11,7 @@ from numpy import ndarray
 from talkingeyes.animation.controls import Controls
 from talkingeyes.animation.listening_behaviour import ListeningBehaviour, sample_listening_behaviour
 from talkingeyes.animation.targets import LISTENER, TargetTrack
-from talkingeyes.audio.annotation import Annotation
+from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.fitting.motion_style import MotionStyle
 from talkingeyes.physiology.blinks import PHYSIOLOGICAL, BlinkProfile
 
@@ -30,8 +30,9 @@ class MotionCentre:
 class AnimationContext:
     """The context of one sample.
 
-    `turns` is who speaks when, if the sound is known. `listening` is set in a conversation, where the controls name
-    the partner's sound. `blink_rate_rank` is the fraction of training speakers who blink less often than this person.
+    `turns` is who speaks when, if the sound is known. `states` cover the whole time, if the controls ask for them
+    (`conversation_states.py`). `listening` is set in a conversation, where the controls name the partner's sound or
+    states. `blink_rate_rank` is the fraction of training speakers who blink less often than this person.
     `centre` is None where it is computed from the whole trajectory, which a stream does not have.
     """
 
@@ -41,13 +42,14 @@ class AnimationContext:
     motion_style: MotionStyle | None = None
     blink_rate_rank: float | None = None
     turns: Annotation | None = None
+    states: tuple[Span, ...] = ()
     listening: ListeningBehaviour | None = None
     centre: MotionCentre | None = None
 
     def for_sample(self, index: int) -> AnimationContext:
         """The context of sample `index`: its seeds, and its listening behaviour in a conversation."""
         context = replace(self, seeds=(*self.seeds[:1], index))
-        if self.controls.partner is None or self.turns is None:
+        if (self.controls.partner is None and not self.states) or self.turns is None:
             return context
         return replace(context, listening=sample_listening_behaviour(self.turns, context.stream(LISTENING_STREAM)))
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.animation.conversation_states import AUTO, StateTrack
 from talkingeyes.animation.part_overrides import NO_OVERRIDES, PartOverrides
 from talkingeyes.animation.targets import TargetTrack
 from talkingeyes.core.errors import InputError
@@ -40,7 +41,8 @@ class Controls:
 
     `blinks`: the blink profile (physiological, paper or corpus). `targets`: what gaze goes to and when. `eye_contact`:
     the fraction of time with gaze at the listener (0 to 1; None: as sampled). `partner`: the sound (16 kHz) of the
-    conversation partner. `person`: the training speaker that the model is conditioned on (None: a random one by the
+    conversation partner. `states`: when the subject speaks, listens, thinks or is idle, as a track or (`auto`) from the
+    sounds. `person`: the training speaker that the model is conditioned on (None: a random one by the
     seed). `style`: a training speaker's name or measured motion statistics, which are imposed. `no_postprocessing`:
     head and gaze as sampled, without head contribution, amplitude limit and saccadic intrusions (to compare models).
     `face`: the styles of the face (emotion, intensity, speaker) with their onsets. `parts`: which parts are replaced or
@@ -52,6 +54,7 @@ class Controls:
     eye_contact: float | None = None
     liveliness: Liveliness = Liveliness()
     partner: Float[ndarray, " N"] | None = None
+    states: StateTrack | str | None = None
     person: str | None = None
     style: MotionStyle | str | None = None
     no_postprocessing: bool = False
@@ -70,5 +73,7 @@ class Controls:
                 raise InputError(f"liveliness of {each.name}: should be 0 (none) to {MAX_LIVELINESS:g}, got {value:g}")
         if not self.face:
             raise InputError("face: should have at least one style, got none")
+        if isinstance(self.states, str) and self.states != AUTO:
+            raise InputError(f"states: should be {AUTO} or a track, got {self.states}")
         if self.partner is not None and not np.isfinite(self.partner).all():
             raise InputError("partner: should be a sound of finite samples, got NaN or infinite ones")

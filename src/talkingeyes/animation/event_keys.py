@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -45,10 +45,22 @@ class EventKeys:
     original: Events
 
 
-def save_keys(path: Path, events: Events, fps: float) -> None:
-    """Write unedited keys, one per line."""
+@dataclass(frozen=True)
+class ShiftReason:
+    """Why gaze shifts: the onset of the saccade, the state of the conversation and the reason (`shift_reasons.py`)."""
+
+    onset_s: float
+    state: str
+    reason: str
+
+
+def save_keys(path: Path, events: Events, fps: float, reasons: Sequence[ShiftReason] = ()) -> None:
+    """Write unedited keys, one per line, and the reasons of gaze shifts, which edits do not change."""
     current = [f'"{kind}": {_lines(events, kind)}' for kind in (*EDITABLE_KINDS, *FIXED_KINDS)]
     parts = [f'"schema": "{EVENTS_SCHEMA}"', f'"fps": {fps}', *current, f'"original": {{{", ".join(current)}}}']
+    if reasons:
+        rows = [{**asdict(each), "onset_s": round(each.onset_s, DIGITS)} for each in reasons]
+        parts.append('"reasons": [\n' + ",\n".join(json.dumps(row) for row in rows) + "\n]")
     path.write_text("{\n" + ",\n".join(parts) + "\n}\n")
 
 

@@ -20,12 +20,14 @@ from talkingeyes.animation.context import AnimationContext
 from talkingeyes.animation.face import with_face
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory, clamp_changed_gaze, hold_gaze
 from talkingeyes.animation.part_overrides import override_events, override_motion
+from talkingeyes.animation.shift_reasons import shift_reasons
 from talkingeyes.animation.steps.amplitude_limit import limit_amplitude
 from talkingeyes.animation.steps.eye_contact import apply_eye_contact
 from talkingeyes.animation.steps.head_contribution import add_head_contribution
 from talkingeyes.animation.steps.listening import add_nods, avert_at_turn_starts, look_at_partner
 from talkingeyes.animation.steps.liveliness import apply_liveliness
 from talkingeyes.animation.steps.saccadic_intrusions import add_saccadic_intrusions
+from talkingeyes.animation.steps.states import calm_head, look_by_state
 from talkingeyes.animation.steps.style_transfer import apply_style
 from talkingeyes.animation.steps.target_following import apply_targets
 from talkingeyes.corpus.samples import FaceSamples
@@ -35,9 +37,11 @@ Step = Callable[[GazeTrajectory, AnimationContext], GazeTrajectory]
 STEPS: tuple[Step, ...] = (
     apply_style,
     apply_liveliness,
+    calm_head,
     add_nods,
     apply_eye_contact,
     look_at_partner,
+    look_by_state,
     avert_at_turn_starts,
     limit_amplitude,
     add_saccadic_intrusions,
@@ -59,7 +63,9 @@ def animate_sample(
     animation = render_trajectory(trajectory, blinks.all, fps)
     motion = with_face(animation.motion, faces, index, context.controls.face) if faces else animation.motion
     motion = override_motion(motion, context.controls.parts)
-    return Animation(motion, override_events(animation.events, motion, context.controls.parts))
+    generated_gaze = context.controls.parts.is_generated("gaze")
+    reasons = shift_reasons(trajectory, context) if generated_gaze else ()
+    return Animation(motion, override_events(animation.events, motion, context.controls.parts), reasons)
 
 
 def apply_steps(generated: GazeTrajectory, context: AnimationContext) -> GazeTrajectory:

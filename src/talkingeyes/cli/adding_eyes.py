@@ -18,6 +18,7 @@ from talkingeyes.cli.performance_options import (
     ModelFile,
     Partner,
     Seed,
+    States,
     Style,
     Target,
 )
@@ -52,6 +53,7 @@ def add_eyes(
     gaze_liveliness: GazeLiveliness = 1.0,
     blink_liveliness: BlinkLiveliness = 1.0,
     partner: Partner = None,
+    states: States = None,
     person: Annotated[
         str | None, typer.Option(help="Training speaker to imitate. Default: a random one, set by the seed.")
     ] = None,
@@ -73,6 +75,7 @@ def add_eyes(
         gaze=gaze_liveliness,
         blinking=blink_liveliness,
         partner=partner,
+        states=states,
         person=person,
         style=style,
         emotion=emotion,

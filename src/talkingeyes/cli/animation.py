@@ -18,6 +18,7 @@ from talkingeyes.cli.performance_options import (
     ModelFile,
     Partner,
     Seed,
+    States,
     Style,
     Target,
 )
@@ -56,6 +57,7 @@ def animate(
     gaze_liveliness: GazeLiveliness = 1.0,
     blink_liveliness: BlinkLiveliness = 1.0,
     partner: Partner = None,
+    states: States = None,
     dialogue: Annotated[
         bool,
         typer.Option("--dialogue", help="Animate both speakers of a dialogue: two sounds, or one with two channels."),
@@ -110,6 +112,7 @@ def animate(
         gaze=gaze_liveliness,
         blinking=blink_liveliness,
         partner=partner,
+        states=states,
         person=person,
         style=style,
         no_postprocessing=no_postprocessing,
@@ -155,6 +158,8 @@ def _animate_dialogue(
         raise InputError(
             f"dialogue: should be two sounds, or one with two channels, without --partner, got {len(sounds)}"
         )
+    if options.controls.states not in (None, "auto"):
+        raise InputError("states: should be auto in a dialogue, where each speaker has states of their own, got a file")
     voices = read_dialogue(sounds[0]) if len(sounds) == 1 else tuple(read_speech(path) for path in sounds)
     dialogues = run_dialogue(voices, out, options, model, force)
     first = dialogues[0].first.motion

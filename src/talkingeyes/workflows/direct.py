@@ -18,6 +18,7 @@ from talkingeyes.animation.controls import Controls, Liveliness
 from talkingeyes.core.errors import InputError
 
 if TYPE_CHECKING:
+    from talkingeyes.animation.conversation_states import StateTrack
     from talkingeyes.animation.targets import TargetTrack
     from talkingeyes.core.motion import Motion
     from talkingeyes.fitting.motion_style import MotionStyle
@@ -36,6 +37,7 @@ def make_controls(
     gaze: float = 1.0,
     blinking: float = 1.0,
     partner: Path | str | None = None,
+    states: Path | str | None = None,
     person: str | None = None,
     style: Path | str | None = None,
     no_postprocessing: bool = False,
@@ -45,8 +47,8 @@ def make_controls(
     without: Sequence[str] = (),
     replaced: Mapping[str, Path | str] = MappingProxyType({}),
 ) -> Controls:
-    """Controls of an animation: `target` is camera, listener or a file, `partner` a sound, `style` a speaker's name or
-    a motion.
+    """Controls of an animation: `target` is camera, listener or a file, `partner` a sound, `states` auto or a file,
+    `style` a speaker's name or a motion.
 
     `person` is a training speaker of the model; by default a random one, chosen by the seed. `head`, `gaze` and
     `blinking` are factors of liveliness: 0 none, 1 as the model, 2 double. `no_postprocessing` switches the rule-based
@@ -65,6 +67,7 @@ def make_controls(
         eye_contact=eye_contact,
         liveliness=Liveliness(head, gaze, blinking),
         partner=None if partner is None else _partner_speech(partner),
+        states=None if states is None else _states(states),
         person=person,
         style=None if style is None else _motion_style(style),
         no_postprocessing=no_postprocessing,
@@ -84,6 +87,12 @@ def _track(target: Path | str) -> TargetTrack:
     from talkingeyes.animation.targets import constant_target, load_targets
 
     return load_targets(target) if Path(target).suffix.lower() in TRACK_SUFFIXES else constant_target(str(target))
+
+
+def _states(states: Path | str) -> StateTrack | str:
+    from talkingeyes.animation.conversation_states import AUTO, load_states
+
+    return AUTO if str(states) == AUTO else load_states(states)
 
 
 def _partner_speech(partner: Path | str) -> Float[ndarray, " N"]:

@@ -27,6 +27,7 @@ from talkingeyes.animation.gaze_trajectory import (
 )
 from talkingeyes.audio.annotation import Span
 from talkingeyes.physiology import saccades
+from talkingeyes.synthesis.gaze_aversion import AversionCause
 from talkingeyes.synthesis.gaze_shifts import FACE_RADIUS_RAD, octant_probabilities
 
 # Gaze within this of the point between the listener's eyes is contact (evaluation/detectors has the same limit).
@@ -54,8 +55,12 @@ def set_eye_contact(
     context: AnimationContext,
     stream: int,
     spans: Sequence[Span] | None = None,
+    cause: AversionCause = "intimacy",
 ) -> GazeTrajectory:
-    """Set the fraction of the time, or of the given spans, with gaze at the listener; `stream` seeds the aversions."""
+    """Set the fraction of the time, or of the given spans, with gaze at the listener.
+
+    `stream` seeds the aversions, whose directions are those of their `cause`.
+    """
     listener = line_of_sight.point_direction_rad(trajectory.head, context.listener_m(trajectory.times_s))
     offset = line_of_sight.cyclopean_line_of_sight_rad(trajectory.gaze_in_space_rad) - listener
     near = gaussian_filter1d(np.hypot(*offset.T), SMOOTHING_S * trajectory.fps, mode="nearest")
@@ -66,7 +71,7 @@ def set_eye_contact(
         trajectory = split_fixations(trajectory, [split_s])
         inside = _inside(trajectory, spans)
         in_contact, _ = _select_contact(trajectory, near, fraction, inside)
-    return _apply_offsets(trajectory, offset, in_contact, inside, context.stream(stream))
+    return _apply_offsets(trajectory, offset, in_contact, inside, context.stream(stream), cause)
 
 
 def eye_contact_fraction(
@@ -127,6 +132,7 @@ def _apply_offsets(
     in_contact: Bool[ndarray, " K"],
     inside: Bool[ndarray, " K"],
     seeds: Sequence[int],
+    cause: AversionCause,
 ) -> GazeTrajectory:
     found = fixations(trajectory, offset)
     offsets = np.zeros_like(found.location_rad)
@@ -142,12 +148,12 @@ def _apply_offsets(
             )
         elif not in_contact[index] and far < FAR_RAD:
             if found.start_s[index] > aversion_end or in_contact[index - 1]:
-                away, aversion_end = _sample_aversion_rad(rng), found.start_s[index] + AVERSION_S
+                away, aversion_end = _sample_aversion_rad(rng, cause), found.start_s[index] + AVERSION_S
             offsets[index] = away  # scanning within the face becomes scanning about the new location
     return add_head_turns(shift_fixations(trajectory, offsets), found.start_s, offsets, HEAD_THRESHOLD_RAD, HEAD_GAIN)
 
 
-def _sample_aversion_rad(rng: np.random.Generator) -> Float[ndarray, " 2"]:
+def _sample_aversion_rad(rng: np.random.Generator, cause: AversionCause) -> Float[ndarray, " 2"]:
     size = saccades.sample_amplitudes_rad(1, rng, MIN_AVERSION_DEG, MAX_AVERSION_DEG)
-    step = saccades.sample_directions(1, rng, octant_probabilities("intimacy"))[0]
+    step = saccades.sample_directions(1, rng, octant_probabilities(cause))[0]
     return np.asarray(size * step / np.hypot(*step))

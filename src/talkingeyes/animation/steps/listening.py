@@ -10,6 +10,7 @@ from dataclasses import replace
 from talkingeyes.animation.context import AnimationContext
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory
 from talkingeyes.animation.steps.eye_contact import EYE_CONTACT_STREAM, set_eye_contact
+from talkingeyes.animation.steps.states import LISTENING_CONTACT
 from talkingeyes.physiology import eye_head
 
 AVERSION_STREAM = 5
@@ -27,7 +28,8 @@ def look_at_partner(trajectory: GazeTrajectory, context: AnimationContext) -> Ga
     """Set the fraction of listening time with gaze at the partner."""
     if not (context.listening and context.turns) or context.controls.eye_contact is not None:
         return trajectory
-    fraction, spans = context.listening.gaze_fraction, context.turns.listening
+    fraction = LISTENING_CONTACT if context.states else context.listening.gaze_fraction
+    spans = context.turns.listening
     return set_eye_contact(trajectory, fraction, context, EYE_CONTACT_STREAM, spans)
 
 
