@@ -121,7 +121,10 @@ def _log(
         row = rows.get(model, MethodResult(model, {}))
         rows[model] = replace(row, metrics={**row.metrics, **{f"val/{key}": value for key, value in figures.items()}})
     objective = params["objective"]
-    wanted = {key: val[objective["model"]][key] for key in objective["metrics"]} if objective["model"] in val else {}
+    measured = val.get(objective["model"], {})
+    if missing := [key for key in objective["metrics"] if measured and key not in measured]:
+        raise InputError(f"objective.metrics: {objective['model']} has no {missing[0]}")
+    wanted = {key: measured[key] for key in objective["metrics"]} if measured else {}
     report = Report(metrics=wanted, rows=list(rows.values()))
     log_run(root, "experiment", params["study"], params, set(params), seconds, report, overrides)
     return list(wanted.values())

@@ -21,7 +21,6 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from numpy import ndarray
 
@@ -34,7 +33,6 @@ from talkingeyes.evaluation.model_selection.information import ClipLikelihood, i
 from talkingeyes.evaluation.model_selection.validation_metrics import ValidateSettings
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.speech_projection import SpeechProjectionSettings
-from talkingeyes.models.speech_to_motion import MotionBatch, SpeechToMotion
 from talkingeyes.models.waveform_encoder import WaveformSpeechSettings
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main, parallel_map
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
@@ -104,7 +102,7 @@ def _train_deaf(workspace: Workspace, name: str) -> TrainedMotion:
         f"{name}_deaf",
         settings.model_copy(update={"speech": speech}),
         seed,
-        getattr(_network(model).gaze, "codebook", None),
+        getattr(_load(model).network.gaze, "codebook", None),
         context,
         [model / CHECKSUMS_FILE],
     )
@@ -137,30 +135,26 @@ def score_sound(paths: InputPaths, sound: SoundGroup) -> SoundLikelihoods:
 
 
 def _score(paths: InputPaths, model: Path, recording: Recording, speech: Float[ndarray, "T C"]) -> ClipLikelihood:
-    network, provider = _model(paths, model)
-    inputs = provider.clip_inputs(recording.clip, len(recording)) if provider else NO_CONDITIONING
-    one = [torch.from_numpy(np.array(each))[None] for each in (speech, recording.head, recording.gaze)]
-    terms = network.log_likelihood(MotionBatch(one[0], one[1], one[2], inputs))
-    clip = recording.clip
-    return ClipLikelihood(
-        clip.id, clip.speaker, len(recording) / clip.fps, {name: float(value) for name, value in terms.items()}
-    )
+    generator, provider = _model(paths, model)
+    clip, inputs = recording.clip, provider.clip_inputs(recording.clip, len(recording)) if provider else NO_CONDITIONING
+    terms = generator.log_likelihood(speech, recording.head, recording.gaze, inputs)
+    return ClipLikelihood(clip.id, clip.speaker, len(recording) / clip.fps, terms)
 
 
 @lru_cache(maxsize=2)
-def _model(paths: InputPaths, folder: Path) -> tuple[SpeechToMotion, ConditioningProvider | None]:
-    """A network and the provider of its conditioning inputs, if it needs any; loaded once per process."""
-    network = _network(folder)
+def _model(paths: InputPaths, folder: Path) -> tuple[NetworkGenerator, ConditioningProvider | None]:
+    """A model and the provider of its conditioning inputs, if it needs any; loaded once per process."""
+    generator = _load(folder)
+    needed, speakers = generator.network.required_inputs, generator.network.speakers
     conditioning_paths = ConditioningPaths(Corpus(paths.corpus), paths.embed)
-    needed = network.required_inputs
-    return network, (ConditioningProvider(needed, network.speakers, (), conditioning_paths) if needed else None)
+    return generator, (ConditioningProvider(needed, speakers, (), conditioning_paths) if needed else None)
 
 
-def _network(folder: Path) -> SpeechToMotion:
+def _load(folder: Path) -> NetworkGenerator:
     generator = load_generator(folder)
     if not isinstance(generator, NetworkGenerator):
         raise InputError(f"{folder}: should be a network whose motion has a likelihood, got a baseline")
-    return generator.network.eval()
+    return generator
 
 
 if __name__ == "__main__":

@@ -9,7 +9,8 @@ for comparison; distances of the distributions of eye speed and saccade amplitud
 without truth: of the fitted motion), and their mean, `dynamics_distance`; the same for eccentricity of gaze,
 `eccentricity_distance`; `metrics_worse`, the number of metrics of the gaze benchmark by which the samples are
 significantly worse than the truth, out of `metrics_comparable`; `tie` and `tie_fitted`, Corr. less that under other
-sounds of the speaker; ratios of speed to the truth's; `diversity`. benchmark.json: the benchmark itself.
+sounds of the speaker; ratios of speed to the truth's; `diversity`; of a network with a likelihood, that of fitted
+motion, `log_likelihood`, in nats per second. benchmark.json: the benchmark itself.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from talkingeyes.evaluation.benchmark.paired import (
     sound_statistics,
 )
 from talkingeyes.evaluation.critic.evaluators import Evaluators
+from talkingeyes.evaluation.model_selection.information import mean_log_likelihood
 from talkingeyes.evaluation.model_selection.validation_metrics import (
     DynamicsDistances,
     MotionDynamics,
@@ -51,7 +53,13 @@ from talkingeyes.evaluation.paper_metrics.l2_diversity import diversity
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
-from talkingeyes.training.motion_generators import TrainedGenerator, load_generator, required_inputs, training_speakers
+from talkingeyes.training.motion_generators import (
+    NetworkGenerator,
+    TrainedGenerator,
+    load_generator,
+    required_inputs,
+    training_speakers,
+)
 
 
 @dataclass(frozen=True)
@@ -79,6 +87,8 @@ class SoundValidation:
     true_speeds: MotionSpeeds
     fitted_speeds: MotionSpeeds
     benchmark: SoundStatistics
+    seconds: float
+    log_likelihood: dict[str, float]  # of the fitted motion in nats, by term; empty without one
 
 
 def run(workspace: Workspace, name: str) -> Report:
@@ -103,6 +113,7 @@ def run(workspace: Workspace, name: str) -> Report:
                 [clip.fitted_speeds for clip in found],
             ),
             **_named(dynamics_distances([clip.sampled for clip in found], [clip.truth for clip in found])),
+            **mean_log_likelihood([clip.log_likelihood for clip in found], [clip.seconds for clip in found]),
             "metrics_worse": float(table.worse),
             "metrics_comparable": float(table.comparable),
         }
@@ -128,7 +139,8 @@ def validate_sound(paths: InputPaths, settings: ValidateSettings, sound: SoundGr
     seeds = np.random.default_rng([settings.seed, *clip.id.encode()]).integers(2**31, size=settings.samples).tolist()
     conditioning_provider = _conditioning_provider(paths)
     conditioning = conditioning_provider.clip_inputs(clip, len(speech)) if conditioning_provider else NO_CONDITIONING
-    sampled = _generator(paths.model).generate(speech, seeds, clip.fps, conditioning)
+    generator = _generator(paths.model)
+    sampled = generator.generate(speech, seeds, clip.fps, conditioning)
     own = _single_sample(Motion.of(clip.fps, fitted.head.astype(float), fitted.gaze.astype(float)))
     under = [np.array(other.speech) for other in others]
     scores = corr_scores(evaluators.critics, speech, under, sampled.head, sampled.gaze)
@@ -147,6 +159,10 @@ def validate_sound(paths: InputPaths, settings: ValidateSettings, sound: SoundGr
         MotionSpeeds.of(true),
         MotionSpeeds.of(own),
         sound_statistics(motion_sets, scores, evaluators.critics, evaluators.encoder, speech, under),
+        len(fitted) / clip.fps,
+        generator.log_likelihood(speech, fitted.head, fitted.gaze, conditioning)
+        if isinstance(generator, NetworkGenerator)
+        else {},
     )
 
 

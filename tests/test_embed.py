@@ -67,7 +67,7 @@ def test_every_sound_is_embedded_once_and_statistics_come_from_train_alone(tmp_p
     np.testing.assert_allclose(content["mean"], train.mean(axis=0), rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(content["std"], np.maximum(train.std(axis=0), embed.MIN_STD), rtol=1e-3, atol=1e-4)
     assert content["fps"] == 25
-    assert len(content["channels"]) == features["a"].shape[1] == 23
+    assert len(content["channels"]) == features["a"].shape[1] == 28
     assert EmbedSettings.model_validate(content["settings"]) == EmbedSettings.model_validate(SECTION)
 
 

@@ -11,6 +11,7 @@ import pytest
 from talkingeyes.audio.encoder import PROSODY_CHANNELS, EmbedSettings, SpeechEncoder, make_encoder
 from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
 from talkingeyes.audio.prosody import energy_dbfs
+from talkingeyes.audio.speech_boundaries import BOUNDARY_CHANNELS
 from talkingeyes.audio.waveform import frame_count, read_speech
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
@@ -23,6 +24,7 @@ PROSODY = {
     "energy_floor_dbfs": -80.0,
 }
 FAMILIES = ("moonshine", "wav2vec2", "hubert", "logmel")
+APPENDED = len(PROSODY_CHANNELS) + len(BOUNDARY_CHANNELS)
 SIZES = {"moonshine": 288, "wav2vec2": 16, "hubert": 16, "logmel": 80}
 
 
@@ -86,15 +88,15 @@ def test_one_finite_row_a_frame(
 ) -> None:
     sound = speech[16_000 : 16_000 + round(seconds * 16_000)]
     features = encoder(sound, fps)
-    assert features.shape == (frame_count(len(sound), fps), SIZES[name] + 3)
+    assert features.shape == (frame_count(len(sound), fps), SIZES[name] + APPENDED)
     assert features.dtype == np.float32
     assert np.isfinite(features).all()
 
 
 def test_channels_have_names(encoder: SpeechEncoder, name: str) -> None:
-    assert len(set(encoder.channels)) == SIZES[name] + 3
-    assert encoder.channels[-3:] == PROSODY_CHANNELS
-    assert all(channel.startswith(name) for channel in encoder.channels[:-3])
+    assert len(set(encoder.channels)) == SIZES[name] + APPENDED
+    assert encoder.channels[-APPENDED:] == (*PROSODY_CHANNELS, *BOUNDARY_CHANNELS)
+    assert all(channel.startswith(name) for channel in encoder.channels[:-APPENDED])
 
 
 def test_the_same_sound_gives_the_same_features(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from test_point_process import made
 
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.model_selection.information import ClipLikelihood, information, information_table
+from talkingeyes.evaluation.model_selection.validation_metrics import SelectionMetric
 from talkingeyes.models.layers.point_process import EventSequence, PointProcess
 
 BOOTSTRAP = BootstrapSettings(n_resamples=200, confidence_level=0.95, seed=0)
@@ -103,6 +105,14 @@ def test_a_part_without_likelihood_has_an_empty_cell() -> None:
     gaze = {name: {"value": 0.5, "low": 0.25, "high": 0.75} for name in ("total", "gaze")}
     table = information_table({"live": {"unseen": {"own": gaze}}}, {"live": "Live"})
     assert table.splitlines()[-1] == "| Live | 0.50 (0.25 to 0.75) |  | 0.50 (0.25 to 0.75) |  |"
+
+
+def test_validation_of_a_network_has_every_metric_of_selection(tiny) -> None:
+    for model in ("talkingeyes", "talkingeyes_events"):
+        figures = json.loads((tiny / "data/validate" / model / "metrics.json").read_text())
+        assert set(get_args(SelectionMetric)) <= set(figures)
+        parts = figures["log_likelihood_head"] + figures["log_likelihood_gaze"]
+        assert figures["log_likelihood"] == pytest.approx(parts)
 
 
 def test_the_stage_scores_every_split_and_finds_nothing_in_an_untrained_model(tiny) -> None:

@@ -1,8 +1,9 @@
 """Speech encoders: sound to one feature vector per motion frame, as written by `embed` and used by every model.
 
 Each encoder family (packaged Moonshine, wav2vec 2.0, HuBERT, log-mel) provides its channels. Log-energy, F0 and voicing
-are appended to all of them, because learned encoders represent loudness and pitch poorly. Sounds are first normalised
-to one level, so that features do not depend on recording level.
+are appended to all of them, because learned encoders represent loudness and pitch poorly, and then the boundaries of
+speech (speech_boundaries.py). Sounds are first normalised to one level, so that features do not depend on recording
+level.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from numpy import ndarray
 from pydantic import BeforeValidator, Field, SerializeAsAny
 
 from talkingeyes.audio.prosody import ProsodySettings, prosody
+from talkingeyes.audio.speech_boundaries import BOUNDARY_CHANNELS, boundary_channels
+from talkingeyes.audio.voice_activity import detect_speech
 from talkingeyes.audio.waveform import block_levels_dbfs
 from talkingeyes.core.settings import ComponentRegistry, ComponentSettings, Settings
 
@@ -60,12 +63,12 @@ class SpeechEncoder(Protocol):
 
 
 class ProsodicEncoder:
-    """An encoder family with level normalisation and prosody channels."""
+    """An encoder family with level normalisation, channels of prosody, and boundaries of speech."""
 
     def __init__(self, family: SpeechEncoder, settings: EmbedSettings) -> None:
         self._family = family
         self._settings = settings
-        self.channels = (*family.channels, *PROSODY_CHANNELS)
+        self.channels = (*family.channels, *PROSODY_CHANNELS, *BOUNDARY_CHANNELS)
 
     def __call__(self, sound: Float[ndarray, " N"], fps: float) -> Float[ndarray, "T C"]:
         """Features of a sound at the times t / fps."""
@@ -73,7 +76,10 @@ class ProsodicEncoder:
         spoken = prosody(levelled, fps, self._settings.prosody)
         # Unvoiced frames get the reference pitch; `voicing` marks them.
         octaves = np.nan_to_num(np.log2(spoken.f0_hz / F0_REFERENCE_HZ))
-        appended = np.stack([spoken.energy_dbfs, octaves, spoken.voicing], axis=1).astype(np.float32)
+        heard = np.stack([spoken.energy_dbfs, octaves, spoken.voicing], axis=1)
+        times_s = np.arange(len(heard)) / fps
+        boundaries = boundary_channels(detect_speech(levelled).speaking, times_s)
+        appended = np.concatenate([heard, boundaries], axis=1).astype(np.float32)
         return np.concatenate([self._family(levelled, fps), appended], axis=1)
 
 

@@ -10,7 +10,6 @@ from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.audio.voice_activity import detect_speech
-from talkingeyes.audio.waveform import SILENT_DBFS, loudest_dbfs
 
 # The partner keeps the turn for this long after speaking, unless the subject starts to speak.
 TURN_S = 1.0
@@ -20,7 +19,7 @@ LONG_TURN_S = 2.0
 
 def detect_turns(own: Float[ndarray, " N"], partner: Float[ndarray, " M"]) -> Annotation:
     """Detect speech of both by level alone (16 kHz), and the spans in which the partner has the turn."""
-    speaking, partner_speaking = _detect_speech(own), _detect_speech(partner)
+    speaking, partner_speaking = (detect_speech(sound).speaking for sound in (own, partner))
     held: list[Span] = []
     for span in partner_speaking:
         if held and span.start_s - held[-1].end_s <= TURN_S:
@@ -42,11 +41,6 @@ def long_turn_starts(annotation: Annotation) -> list[float]:
         if own and own[-1].end_s - own[0].start_s >= LONG_TURN_S:
             starts.append(own[0].start_s)
     return starts
-
-
-def _detect_speech(sound: Float[ndarray, " N"]) -> tuple[Span, ...]:
-    """Spans of speech; none in a silent sound, where the threshold of `detect_speech` is undefined."""
-    return () if not len(sound) or loudest_dbfs(sound) < SILENT_DBFS else detect_speech(sound).speaking
 
 
 def _subtract(span: Span, others: Sequence[Span]) -> list[Span]:

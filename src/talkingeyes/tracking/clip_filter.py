@@ -68,8 +68,7 @@ def measure_shot(
     faces = [tracked.face for tracked in shot.tracked_frames if tracked.face is not None]
     counts = [face.faces for face in faces if face.faces]
     loudest = loudest_dbfs(sound)
-    is_audible = loudest >= SILENT_DBFS
-    spoken_s = sum(span.end_s - span.start_s for span in detect_speech(sound).speaking) if is_audible else 0.0
+    spoken_s = sum(span.end_s - span.start_s for span in detect_speech(sound).speaking)
     return ShotQuality(
         seconds=len(seen.landmarks) / seen.fps,
         multi_face_ratio=float(np.mean([count > 1 for count in counts])) if counts else 0.0,
@@ -80,7 +79,7 @@ def measure_shot(
         duplicate_frame_ratio=_duplicate_frame_ratio(shot),
         loudest_dbfs=loudest,
         speaking=spoken_s * SAMPLE_RATE / len(sound),
-        lip_sync_score=lip_sync_score(seen.landmarks, sound, seen.fps) if is_audible else 0.0,
+        lip_sync_score=lip_sync_score(seen.landmarks, sound, seen.fps) if loudest >= SILENT_DBFS else 0.0,
     )
 
 

@@ -22,7 +22,7 @@ from talkingeyes.models import baselines
 from talkingeyes.models.baselines import BaselineSettings, MotionBank
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs, InputName
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
-from talkingeyes.models.speech_to_motion import SpeechToMotion
+from talkingeyes.models.speech_to_motion import MotionBatch, SpeechToMotion
 from talkingeyes.training.canonical_gaze import HEAD_PREFIX, CanonicalGaze, load_canonical
 from talkingeyes.training.checkpoint import Checkpoint, build_network, load, save
 from talkingeyes.training.motion_task import MotionTaskSettings
@@ -61,6 +61,18 @@ class NetworkGenerator:
         """Sample the network."""
         out = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), seeds, None, conditioning)
         return Samples(fps, out.head.numpy().astype(np.float64), out.gaze.numpy().astype(np.float64))
+
+    def log_likelihood(
+        self,
+        embedding: Float[ndarray, "T C"],
+        head: Float[ndarray, "T 3"],
+        gaze: Float[ndarray, "T 2 3"],
+        conditioning: ConditioningInputs = NO_CONDITIONING,
+    ) -> dict[str, float]:
+        """Terms of the log-likelihood of a motion in nats (`SpeechToMotion.log_likelihood`); empty if it has none."""
+        one = [torch.from_numpy(np.array(each, np.float32))[None] for each in (embedding, head, gaze)]
+        found = self.network.log_likelihood(MotionBatch(one[0], one[1], one[2], conditioning))
+        return {name: float(value) for name, value in found.items()}
 
 
 @dataclass(frozen=True)

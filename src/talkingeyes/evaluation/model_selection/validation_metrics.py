@@ -35,6 +35,9 @@ from talkingeyes.evaluation.detectors.saccades import detect_saccades
 
 # The metrics that a sweep can optimise.
 SelectionMetric = Literal[
+    "log_likelihood",
+    "log_likelihood_head",
+    "log_likelihood_gaze",
     "metrics_worse",
     "corr",
     "corr_gaze_in_space",
