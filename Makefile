@@ -20,7 +20,7 @@ export PYTHONUNBUFFERED := 1
 export PATH := $(abspath $(BIN)):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo repro params test check tiny sweep bench wheel packaged-models face tables reference-ranges real-videos ui docs clean
+.PHONY: help setup demo repro params test check tiny sweep bench wheel packaged-models release-models release-report face tables reference-ranges real-videos ui docs clean
 
 help:  ## This list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -92,9 +92,18 @@ wheel: setup  ## Build dist/talkingeyes-*.whl, with the packaged models and the 
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist .
 	@ls -l dist/talkingeyes-*.whl
 
-packaged-models: setup  ## Put the trained default models into the package; for a release, after make repro
-	$(BIN)/talkingeyes pack data/train/talkingeyes_events -o src/talkingeyes/animation/assets/talkingeyes.safetensors --half-precision --force
-	$(BIN)/talkingeyes pack data/train/talkingeyes_live -o src/talkingeyes/animation/assets/talkingeyes_live.safetensors --no-face --half-precision --force
+packaged-models: models ?= data/train
+packaged-models: setup  ## Put trained default models into the package: those of make repro, or models=DIR
+	$(BIN)/talkingeyes pack $(models)/talkingeyes_events -o src/talkingeyes/animation/assets/talkingeyes.safetensors --half-precision --force
+	$(BIN)/talkingeyes pack $(models)/talkingeyes_live -o src/talkingeyes/animation/assets/talkingeyes_live.safetensors --no-face --half-precision --force
+
+release-models: setup  ## Train the packaged models at the paper's size: two hours of two cores; goes on where it was killed
+	for target in information@talkingeyes_events information@talkingeyes_live train@probtalk3d train@random train@similar critic; do \
+		$(BIN)/python -m pipelines.experiment experiment=release_models target=$$target || exit $$?; done
+	$(MAKE) --no-print-directory packaged-models models=build/release/data/train
+
+release-report: setup  ## Measure the release models on a sealed corpus; appends to docs/releases.md
+	$(BIN)/python -m pipelines.release_report
 
 face: setup  ## ProbTalk3D's Table 1: every model of the face, three seeds (docs/face_table.md); goes on where it was killed
 	$(BIN)/python -m pipelines.face_table

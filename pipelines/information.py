@@ -76,7 +76,7 @@ def run(workspace: Workspace, name: str) -> Report:
         deaf.save(folder / "deaf", deaf.history)
         paths = InputPaths(corpus, fit, embed, data("train", name), folder / "deaf")
         work = parallel_map(partial(score_sound, paths), sounds, workspace.jobs, f"information {name}")
-        figures = _figures(list(work), settings)
+        figures = summarise(list(work), settings)
         (folder / "metrics.json").write_text(json.dumps(figures, indent=1))
     deaf.resume.remove()
     flat = {
@@ -108,7 +108,8 @@ def _train_deaf(workspace: Workspace, name: str) -> TrainedMotion:
     )
 
 
-def _figures(found: Sequence[SoundLikelihoods], settings: ValidateSettings) -> Figures:
+def summarise(found: Sequence[SoundLikelihoods], settings: ValidateSettings) -> Figures:
+    """Estimates by split, sound and figure, for the splits that occur."""
     figures: Figures = {}
     for split in SPLITS:
         of_split = [each for each in found if each.split == split]

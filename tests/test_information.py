@@ -11,10 +11,12 @@ import pytest
 import torch
 from test_point_process import made
 
+from pipelines import validate
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.model_selection.information import ClipLikelihood, information, information_table
 from talkingeyes.evaluation.model_selection.validation_metrics import SelectionMetric
 from talkingeyes.models.layers.point_process import EventSequence, PointProcess
+from talkingeyes.orchestration.run import Workspace
 
 BOOTSTRAP = BootstrapSettings(n_resamples=200, confidence_level=0.95, seed=0)
 BINS, RATE = 40, 0.5
@@ -107,12 +109,16 @@ def test_a_part_without_likelihood_has_an_empty_cell() -> None:
     assert table.splitlines()[-1] == "| Live | 0.50 (0.25 to 0.75) |  | 0.50 (0.25 to 0.75) |  |"
 
 
-def test_validation_of_a_network_has_every_metric_of_selection(tiny) -> None:
-    for model in ("talkingeyes", "talkingeyes_events"):
-        figures = json.loads((tiny / "data/validate" / model / "metrics.json").read_text())
-        assert set(get_args(SelectionMetric)) <= set(figures)
-        parts = figures["log_likelihood_head"] + figures["log_likelihood_gaze"]
-        assert figures["log_likelihood"] == pytest.approx(parts)
+def test_validation_of_a_network_has_every_metric_of_selection(tiny, tmp_path) -> None:
+    workspace = Workspace(tmp_path, Workspace.open(tiny).params)
+    for part in ("synthesize", "fit", "embed", "critic", "train"):
+        workspace.data(part).parent.mkdir(exist_ok=True)
+        workspace.data(part).symlink_to(tiny / "data" / part)
+    validate.run(workspace, "talkingeyes_events")
+    figures = json.loads(workspace.data("validate", "talkingeyes_events", "metrics.json").read_text())
+    assert set(get_args(SelectionMetric)) <= set(figures)
+    parts = figures["log_likelihood_head"] + figures["log_likelihood_gaze"]
+    assert figures["log_likelihood"] == pytest.approx(parts)
 
 
 def test_the_stage_scores_every_split_and_finds_nothing_in_an_untrained_model(tiny) -> None:

@@ -47,6 +47,7 @@ NO_STAGE = {
     "reference_ranges",
     "reference_ranges_model",
     "regenerated_takes",
+    "release_report",
     "result_store",
     "study",
     "sweep",

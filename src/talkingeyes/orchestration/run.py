@@ -43,18 +43,21 @@ __all__ = [
 Stage = Callable[..., Report]
 
 CHECKSUMS_FILE = "SHA256SUMS"
+SEAL = "SEALED"  # file in a corpus that only the report of a release may read
 
 
 @dataclass(frozen=True)
 class Workspace:
     """A folder with data/ and the resolved composition (params.yaml) that produces it.
 
+    `may_read_sealed`: whether this is the report of a release (pipelines/release_report.py).
     `sections_read` records the sections requested from `settings`, so that a run is logged with the parameters it used.
     `on_validation` receives the metrics of every validation of a training, and may raise to prune it.
     """
 
     root: Path
     params: Mapping[str, Any]
+    may_read_sealed: bool = False
     sections_read: set[str] = field(default_factory=set, compare=False, repr=False)
     on_validation: Callable[[int, dict[str, float]], None] | None = field(default=None, compare=False, repr=False)
 
@@ -83,8 +86,11 @@ class Workspace:
 
     @property
     def corpus(self) -> Path:
-        """The corpus that every stage after `synthesize` reads."""
-        return self.root / str(self.params["corpus"])
+        """The corpus that every stage after `synthesize` reads. Raises InputError if it is sealed."""
+        corpus = self.root / str(self.params["corpus"])
+        if (corpus / SEAL).exists() and not self.may_read_sealed:
+            raise InputError(f"corpus: {corpus} is sealed for the reports of releases; nothing may be chosen by it")
+        return corpus
 
     @property
     def jobs(self) -> int:
