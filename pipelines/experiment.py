@@ -80,7 +80,7 @@ def run_pipeline(
 
     def make(call: StageCall, workspace: Workspace) -> Report:
         print("==", call.stage, *call.names, file=sys.stderr)
-        return _stage(call, replace(workspace, on_validation=on_validation), root, params)
+        return _stage(call, replace(workspace, on_validation=on_validation), root, view, params)
 
     for call in pipeline_calls(params):
         entry = get_or_run(Path(params["result_store"]), call, params, entries, make)
@@ -88,10 +88,10 @@ def run_pipeline(
             print("==", call.stage, *call.names, f"reused from {entry.origin}", file=sys.stderr)
         entries[call.folder] = entry
         link_output(entry, view / call.folder)
-    return _log(params, entries, root, overrides, time.monotonic() - start)
+    return _log(params, entries, root, view, overrides, time.monotonic() - start)
 
 
-def _stage(call: StageCall, workspace: Workspace, root: Path, params: Mapping[str, Any]) -> Report:
+def _stage(call: StageCall, workspace: Workspace, root: Path, view: Path, params: Mapping[str, Any]) -> Report:
     """Call a stage and log it; its rows are logged later with those of the whole pipeline."""
     stage = importlib.import_module(f"pipelines.{call.stage}").run
     start = time.monotonic()
@@ -99,7 +99,7 @@ def _stage(call: StageCall, workspace: Workspace, root: Path, params: Mapping[st
         report: Report = stage(workspace, *call.names)
     seconds = time.monotonic() - start
     title = "-".join([call.stage, *call.names])
-    log_run(root, call.stage, title, params, workspace.sections_read, seconds, replace(report, rows=()))
+    log_run(root, call.stage, title, params, workspace.sections_read, seconds, replace(report, rows=()), data=view)
     return report
 
 
@@ -107,6 +107,7 @@ def _log(
     params: Mapping[str, Any],
     entries: Mapping[Path, StoredResult],
     root: Path,
+    view: Path,
     overrides: Sequence[str],
     seconds: float,
 ) -> list[float]:
@@ -126,7 +127,7 @@ def _log(
         raise InputError(f"objective.metrics: {objective['model']} has no {missing[0]}")
     wanted = {key: measured[key] for key in objective["metrics"]} if measured else {}
     report = Report(metrics=wanted, rows=list(rows.values()))
-    log_run(root, "experiment", params["study"], params, set(params), seconds, report, overrides)
+    log_run(root, "experiment", params["study"], params, set(params), seconds, report, overrides, view)
     return list(wanted.values())
 
 

@@ -1,13 +1,14 @@
 """Stage `report`: Table III beside the paper's values, requirements and whether they are met, and plots.
 
 Reads   data/evaluate/* (metrics, speeds, the gaze benchmark), data/information/*, data/critic/report.json and
-        notes.txt; for plots the
-        corpus and data/sample/*; if they exist, data/fit/table8.json and data/pretrain/*/codes.json
+        notes.txt; for plots and films the corpus, data/fit and data/sample/*; if they exist, data/fit/table8.json,
+        data/pretrain/*/codes.json, and data/validate/*, whose figures on val go into the rows of MLflow only
 Writes  data/report/: metrics.json {row: {split: {part: {metric: value}}}}, table3.md, table3.csv, and as PNG: metrics,
         traces (several samples of one sound), speeds, code usage, benchmark (all metrics beside the truth's
         intervals); face.md: the faces, as in ProbTalk3D's Table 1;
         requirements.json: margins and ties of every row, with intervals and whether they are met;
-        summary.txt: five figures per model, which `make repro` prints; rows/<row>.json: the same for `dvc metrics`
+        summary.txt: five figures per model, which `make repro` prints; rows/<row>.json: the same for `dvc metrics`;
+        films/<row>.mp4: three seconds of every row, under the same sound
 Run     python -m pipelines.report
 """
 
@@ -23,6 +24,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from pipelines.report_films import write_films
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
@@ -36,7 +38,9 @@ from talkingeyes.evaluation.face.table import face_markdown
 from talkingeyes.evaluation.model_selection.information import information_table
 from talkingeyes.evaluation.paper_metrics.report_summary import report_summary, row_metrics
 from talkingeyes.evaluation.paper_metrics.requirements import (
+    TIED_PARTS,
     Requirement,
+    count_met,
     critic_requirements,
     model_requirements,
     model_requirements_table,
@@ -135,20 +139,22 @@ def run(workspace: Workspace) -> Report:
         plot_speed_distributions(_speeds(workspace.data("evaluate"), order_rows(eyes)), folder / "speeds.png")
         if counts:
             plot_code_usage(counts, folder / "code_usage.png")
-        _draw_traces(workspace, folder / "traces.png")
+        takes = _most_takes(Corpus(workspace.corpus))
+        if takes:
+            _draw_traces(workspace, takes, folder / "traces.png")
+            write_films(workspace, list(rows), takes[0], folder / "films")
     artifacts = [path for path in sorted(workspace.data("report").iterdir()) if path.suffix]
     pictures = [path for path in artifacts if path.suffix in (".png", ".md")]
-    flat = {name: _flat(row) for name, row in _values(rows).items()}
-    for name, row in informed.items():
-        flat[name] |= {
-            f"{split}/information/{key}": each["value"] for split in row for key, each in row[split]["own"].items()
-        }
+    compared = {name: _compared(workspace, name, rows, informed.get(name, {}), required.get(name, ())) for name in rows}
     return Report(
         metrics={
             f"requirements_missed/{name}": float(sum(not each.is_met for each in required[name])) for name in required
         },
         artifacts=artifacts,
-        rows=[MethodResult(name, flat[name], pictures) for name in order_rows(rows)],
+        rows=[
+            MethodResult(name, compared[name], [*pictures, *workspace.data("report", "films").glob(f"{name}.mp4")])
+            for name in order_rows(rows)
+        ],
     )
 
 
@@ -200,18 +206,21 @@ def _upstream(table8: Path, counts: Mapping[str, Float[ndarray, " K"]]) -> list[
     return found
 
 
-def _draw_traces(workspace: Workspace, path: Path) -> None:
-    """Plot the truth, if it exists, and samples of a few models for the held-out sound with the most takes."""
+def _most_takes(corpus: Corpus) -> list[Clip]:
+    """The takes of the held-out sound that has the most; none in a corpus without held-out clips."""
+    takes: dict[str, list[Clip]] = {}
+    for clip in corpus.select("test", "unseen"):
+        takes.setdefault(clip.sound, []).append(clip)
+    sounds = sorted(takes, key=lambda sound: -len(takes[sound]))
+    return sorted(takes[sounds[0]], key=lambda clip: clip.take) if sounds else []
+
+
+def _draw_traces(workspace: Workspace, chosen: Sequence[Clip], path: Path) -> None:
+    """Plot the truth, if it exists, and samples of a few models for the takes of a sound."""
     corpus = Corpus(workspace.corpus)
     models = [name for name in TRACE_METHODS if workspace.data("sample", name).is_dir()]
-    clips = corpus.select("test", "unseen")
-    if not models or not clips:
+    if not models:
         return
-    takes: dict[str, list[Clip]] = {}
-    for clip in clips:
-        takes.setdefault(clip.sound, []).append(clip)
-    maximum = max(takes, key=lambda sound: len(takes[sound]))
-    chosen = sorted(takes[maximum], key=lambda clip: clip.take)
     traces = []
     if corpus.has_truth:
         motions = [corpus.truth(clip) for clip in chosen[:SAMPLES_DRAWN]]
@@ -245,6 +254,32 @@ def _values(rows: Mapping[str, MethodMetrics]) -> dict[str, Any]:
         }
         for name, row in rows.items()
     }
+
+
+def _compared(
+    workspace: Workspace,
+    name: str,
+    rows: Mapping[str, MethodMetrics],
+    informed: Mapping[str, Any],
+    required: Sequence[Requirement],
+) -> dict[str, float]:
+    """The figures of a row in the comparison of MLflow: all its metrics, information, ties, requirements met, and those
+    on val."""
+    values = _values({"own": rows[name], "fitted": rows.get("fitted", {})})
+    found = _flat(values["own"])
+    for split, parts in values["own"].items():
+        for part in TIED_PARTS:
+            tie, whole = (
+                each.get(part, {}).get("corr_minus_shuffled") for each in (parts, values["fitted"].get(split, {}))
+            )
+            if tie is not None and whole:
+                found[f"{split}/{part}/tie_ratio"] = tie / whole
+    for split, sounds in informed.items():
+        found |= {f"{split}/information/{key}": each["value"] for key, each in sounds["own"].items()}
+    if required:
+        found["requirements_met"] = float(count_met(required))
+    on_val = workspace.data("validate", name, "metrics.json")
+    return found | {f"val/{key}": value for key, value in (_json(on_val) if on_val.exists() else {}).items()}
 
 
 def _flat(row: Mapping[str, Any]) -> dict[str, float]:

@@ -31,7 +31,7 @@ DATA = """
 make params
 git init --quiet && git config user.name docs && git config user.email docs@localhost
 rm dvc.lock
-dvc commit --quiet --force synthesize fit embed pretrain train critic sample evaluate report
+dvc commit --quiet --force synthesize fit embed pretrain train critic validate sample evaluate report
 git add --all && git commit --quiet -m docs
 """
 PLACEHOLDER_COMMANDS = """

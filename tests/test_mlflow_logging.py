@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 
 import pytest
@@ -17,7 +18,7 @@ from talkingeyes.orchestration.mlflow_logging import (
     method_parameters,
     run_name,
 )
-from talkingeyes.orchestration.mlflow_view import TAG, TEST_METRICS, VAL_METRICS
+from talkingeyes.orchestration.mlflow_view import TAG, TEST_METRICS, VAL_METRICS, page, saved_view
 
 
 @pytest.fixture
@@ -36,6 +37,7 @@ def test_a_row_has_the_parameters_that_it_depends_on():
     assert method_parameters("truth", PARAMS) == {**shared, "fit.smoothing": '{"step_cost": 30.0}'}
     overridden = method_parameters("truth", PARAMS, ["fit.smoothing.step_cost=30.0", "model.vae.width=64", "fit=adam"])
     assert overridden["fit.smoothing.step_cost"] == 30.0
+    assert overridden["fit.smoothing"] == "{}"  # no parameter says the same as another
     assert "model.vae.width" not in overridden
     own = method_parameters("vae", PARAMS)
     assert {key: value for key, value in own.items() if key.startswith(("model", "pretrain"))} == {
@@ -53,8 +55,12 @@ def test_a_row_has_the_parameters_that_it_depends_on():
     assert with_prior["model.weights.head_kl"] == 1.0
 
 
-def test_synthesis_settings_are_not_logged_for_other_corpora():
-    assert "synthesize.seed" not in method_parameters("truth", {**PARAMS, "corpus": "elsewhere"})
+def test_only_what_made_the_corpus_is_logged():
+    tracked = {**PARAMS, "corpus": "elsewhere", "track": {"fps": 25.0}}
+    of_elsewhere = method_parameters("truth", tracked)
+    assert "synthesize.seed" not in of_elsewhere
+    assert of_elsewhere["track.fps"] == 25.0
+    assert "track.fps" not in method_parameters("truth", {**tracked, "corpus": PARAMS["corpus"]})
 
 
 @pytest.mark.parametrize(
@@ -92,9 +98,11 @@ def test_an_experiment_is_a_study_a_delta_or_dvcs_own(monkeypatch):
 def test_row_is_logged_once_with_plot_and_configuration(tmp_path, recorded_root):
     plot = tmp_path / "plot.png"
     plot.write_bytes(b"png")
-    report = Report(
-        {"error": 0.5}, [plot], [MethodResult("vae", {"test/gaze/l2": 0.25}, [plot]), MethodResult("truth", {})]
-    )
+    index = recorded_root / "data" / "synthesize" / "clips.parquet"
+    index.parent.mkdir(parents=True)
+    index.write_bytes(b"index")
+    of_vae = MethodResult("vae", {"test/gaze/l2": 0.25, "val/corr": 0.5, "requirements_met": 1.0}, [plot])
+    report = Report({"error": 0.5}, [plot], [of_vae, MethodResult("truth", {})])
     for _ in range(2):
         log_run(recorded_root, "report", "report", PARAMS, {"fit"}, 1.5, report, ["train.seed=1"])
     client = mlflow_client(recorded_root)
@@ -109,7 +117,9 @@ def test_row_is_logged_once_with_plot_and_configuration(tmp_path, recorded_root)
     vae, truth = sorted(client.search_runs([rows.experiment_id]), key=lambda run: run.info.run_name, reverse=True)
     assert (vae.info.run_name, truth.info.run_name) == ("vae seed 1", "truth")
     assert vae.info.status == "FINISHED"
-    assert vae.data.tags.items() >= {"experiment": "default", "seed": "1", "method": "vae"}.items()
+    corpus = f"synthesize {hashlib.sha256(b'index').hexdigest()[:8]}"
+    expected = {"experiment": "default", "seed": "1", "method": "vae", "split": "test, val", "corpus": corpus}
+    assert vae.data.tags.items() >= expected.items()
     assert "seed" not in truth.data.tags
     assert vae.data.tags["revision"]
     assert {file.path for file in client.list_artifacts(vae.info.run_id)} == {"plot.png", "params.json"}
@@ -117,9 +127,16 @@ def test_row_is_logged_once_with_plot_and_configuration(tmp_path, recorded_root)
     assert "metrics.`test/gaze/corr`" in view["selectedColumns"]
 
 
-def test_the_view_shows_figures_that_rows_have():
-    for metric in TEST_METRICS:
-        _, part, figure = metric.split("/")
+def test_the_view_opens_on_test_and_val_with_the_tie_to_the_sound():
+    figures = {"diversity_ratio", "corr", "tie_ratio", "speed_ratio", "still_fraction"}
+    for metric in TEST_METRICS[1:]:
+        split, part, figure = metric.split("/")
+        assert split == "test"
         assert part in CRITICS
-        assert figure in {"diversity_ratio", "corr", "l2", "speed_ratio", "still_fraction"}
+        assert figure in figures
+    assert {"test/gaze/tie_ratio", "test/head/tie_ratio"} <= set(TEST_METRICS)
     assert all(metric.startswith("val/") for metric in VAL_METRICS)
+    state = json.loads(json.loads(saved_view())["state"])
+    assert state["orderByKey"] in state["selectedColumns"]
+    assert not state["orderByAsc"]
+    assert "compareRunsMode=TABLE" in page("2")

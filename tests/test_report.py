@@ -7,6 +7,8 @@ import json
 import math
 import re
 
+import av
+import numpy as np
 import pytest
 from toy_workspace import toy_workspace
 
@@ -30,6 +32,8 @@ def workspace(tmp_path_factory):
     for row in ROWS:
         evaluate.run(made, row)
     made.data("sample", "random").rename(made.data("sample", "talkingeyes_events"))
+    made.data("validate", "random").mkdir(parents=True)
+    made.data("validate", "random", "metrics.json").write_text(json.dumps({"corr": 0.5}))
     made.data("pretrain", "codes").mkdir(parents=True)
     made.data("pretrain", "codes", "codes.json").write_text(json.dumps({"counts": [5, 0, 1, 1]}))
     return made
@@ -41,7 +45,7 @@ def reported(workspace):
 
 
 def test_writes_tables_and_pictures(workspace, reported):
-    names = {path.name for path in workspace.data("report").iterdir()} - {"SHA256SUMS", "rows"}
+    names = {path.name for path in workspace.data("report").iterdir()} - {"SHA256SUMS", "rows", "films"}
     pictures = {"metrics.png", "traces.png", "speeds.png", "code_usage.png", "benchmark.png"}
     assert (
         names == {"metrics.json", "requirements.json", "table3.md", "table3.csv", "face.md", "summary.txt"} | pictures
@@ -73,6 +77,31 @@ def test_metrics_hold_every_row_flat(workspace, reported):
     assert metrics["mean"]["test"]["gaze"]["diversity"] == 0
     assert [row.name for row in reported.rows] == list(ROWS)
     assert reported.rows[3].metrics["unseen/head/diversity"] == 0
+    tie = reported.rows[4].metrics
+    fitted = reported.rows[1].metrics["test/gaze/corr_minus_shuffled"]
+    assert tie["test/gaze/tie_ratio"] == pytest.approx(tie["test/gaze/corr_minus_shuffled"] / fitted)
+    assert tie["requirements_met"] == len([*filter(None, _met(workspace, "random"))])
+    assert {key for key in tie if key.startswith("val/")} == {"val/corr"}
+
+
+def _met(workspace, row):
+    return [each["met"] for each in json.loads(workspace.data("report", "requirements.json").read_text())[row]]
+
+
+def test_every_row_with_motion_has_a_film_of_the_same_sound(workspace, reported):
+    films = {path.stem: path for path in workspace.data("report", "films").iterdir()}
+    assert set(films) == {*ROWS} - {"random"}  # its samples were moved
+    for row in reported.rows:
+        own = [path for path in row.artifacts if path.suffix == ".mp4"]
+        assert own == [path for name, path in films.items() if name == row.name]
+    frames = {}
+    for name, path in films.items():
+        with av.open(str(path)) as film:
+            frames[name] = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+            assert film.streams.audio[0].duration * film.streams.audio[0].time_base == pytest.approx(3.0, abs=0.1)
+    assert {len(each) for each in frames.values()} == {75}
+    moved = {name: np.abs(np.diff(np.stack(each).astype(float), axis=0)).mean() for name, each in frames.items()}
+    assert moved["truth"] > 5 * moved["mean"]
 
 
 def test_table_has_the_rows_in_order_with_the_papers_numbers(workspace, reported):
@@ -88,13 +117,17 @@ def test_table_has_the_rows_in_order_with_the_papers_numbers(workspace, reported
 
 
 def contents(folder):
-    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    """Files but for the films, since FFmpeg's AAC encoder varies between calls, and their checksums."""
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {path: path.read_bytes() for path in files if path.suffix != ".mp4" and path.name != "SHA256SUMS"}
 
 
 def test_reports_are_repeatable(workspace, reported):
     before = contents(workspace.data("report"))
     report.run(workspace)
-    assert contents(workspace.data("report")) == before
+    after = contents(workspace.data("report"))
+    assert [path.name for path in after if after[path] != before.get(path)] == []
+    assert set(after) == set(before)
 
 
 def test_nothing_to_report_is_an_error(tmp_path):

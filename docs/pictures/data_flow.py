@@ -47,6 +47,7 @@ ARROWS = (
     ("critic", "evaluate"),
     ("evaluate", "report"),
     ("information", "report"),
+    ("validate", "report"),
 )
 LABEL_W, LABEL_H = 70, 22
 

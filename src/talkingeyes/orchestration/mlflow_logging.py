@@ -14,7 +14,7 @@ import os
 import subprocess
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field
 from itertools import islice, zip_longest
@@ -29,6 +29,7 @@ METRICS_PER_BATCH, PARAMS_PER_BATCH, PARAM_LENGTH = 900, 100, 6000
 EXCLUDED_SECTIONS = {"machine", "workspace", "result_store", "target", "objective", "study"}
 # Sections that only models depend on, unlike truth, fitted and mismatched motion.
 MODEL_SECTIONS = {"pretrain", "train", "model", "validate", "sample"}
+CORPUS_INDEX = "clips.parquet"
 REPOSITORY_ROOT = Path(__file__).resolve().parents[3]
 MAX_LOGGING_S = 3600  # no run takes this long to be written
 
@@ -76,25 +77,30 @@ def log_run(
     seconds: float,
     report: Report,
     overrides: Sequence[str] = (),
+    data: Path | None = None,
 ) -> None:
     """Log one call of a stage with the sections that it used, and its rows.
 
-    `overrides` are the Hydra overrides of the composition (key=value). A row that exists already is not repeated.
+    `overrides` are the Hydra overrides of the composition (key=value). `data` is the folder that the path of the corpus
+    is relative to, if not `root`. A row that exists already is not repeated.
     """
     client, tags = _client(root), {"experiment": experiment_name(params, overrides), "revision": revision()}
+    corpus = (data or root) / str(params.get("corpus"))
+    if (corpus / CORPUS_INDEX).is_file():
+        tags["corpus"] = corpus_name(corpus)
     flat = flatten(params)
     of_stage = {
         key: value for key, value in flat.items() if any(f"{key}.".startswith(f"{each}.") for each in sections_read)
     }
     metrics = {**report.metrics, "seconds": seconds}
     run = _Run(name, of_stage, metrics, {"stage": stage, **tags}, report.artifacts, report.history)
-    with _alone(root):
-        of_stages = _experiment(client, root, "stages", {})
+    with exclusive(root):
+        of_stages = get_experiment(client, root, "stages", {})
         _end_killed(client, of_stages)
         _log(client, of_stages, run)
         if not report.rows:
             return
-        experiment = _experiment(client, root, "experiments", {TAG: saved_view()})
+        experiment = get_experiment(client, root, "experiments", {TAG: saved_view()})
         _end_killed(client, experiment)
         for row in report.rows:
             of_row = _run_of(row, params, tags, overrides)
@@ -117,15 +123,19 @@ def method_parameters(method: str, params: Mapping[str, Any], overrides: Sequenc
 
     The sections of models are flat. Of models and tokenizers, only those of the method are included, under keys without
     their names, so that the same parameter of two models has the same column. Sections common to all models, and those
-    that rarely vary, are included two levels deep, with the rest as JSON; an overridden key within it also has its own
-    column.
+    that rarely vary, are included two levels deep, with the rest as JSON; an overridden key within it has a column of
+    its own instead. What made a corpus is included for this corpus only: `synthesize` for that of the chain, `track`
+    for all others.
     """
     shared = {key: value for key, value in params.items() if key not in EXCLUDED_SECTIONS | MODEL_SECTIONS}
-    if params.get("corpus") != "data/synthesize":
-        shared.pop("synthesize", None)
-    flat = {key: json.dumps(value) if isinstance(value, Mapping) else value for key, value in _two_levels(shared)}
+    shared.pop("track" if params.get("corpus") == "data/synthesize" else "synthesize", None)
     everything = flatten(shared)
-    flat |= {key: everything[key] for key in _given(overrides) if key in everything}
+    flat = {key: everything[key] for key in _given(overrides) if key in everything}
+    for key, value in _two_levels(shared):
+        if isinstance(value, Mapping):
+            flat[key] = json.dumps(_without_keys(value, f"{key}.", flat))
+        else:
+            flat[key] = value
     models = params.get("model", {})
     if method not in models:
         return flat
@@ -133,6 +143,11 @@ def method_parameters(method: str, params: Mapping[str, Any], overrides: Sequenc
     tokenizers = {tokenizer: params["pretrain"][tokenizer] for tokenizer in _tokenizers(models[method])}
     tokenizer = next(iter(tokenizers.values())) if len(tokenizers) == 1 else tokenizers
     return flat | flatten({**own, "model": models[method], "pretrain": tokenizer})
+
+
+def corpus_name(folder: Path) -> str:
+    """The name of a corpus and a hash of its index, which holds a hash of every clip: `synthesize 1f0a3c5e`."""
+    return f"{folder.name} {hashlib.sha256((folder / CORPUS_INDEX).read_bytes()).hexdigest()[:8]}"
 
 
 def run_name(method: str, params: Mapping[str, Any], experiment: str, overrides: Sequence[str]) -> str:
@@ -163,7 +178,8 @@ def _run_of(row: MethodResult, params: Mapping[str, Any], tags: Mapping[str, str
     """A row as a run. Its key is a hash of its content, so that an identical row is recognised."""
     own = method_parameters(row.name, params, overrides)
     content = json.dumps([row.name, tags["experiment"], own, dict(row.metrics)], sort_keys=True, default=str)
-    more = {"method": row.name, "key": hashlib.sha256(content.encode()).hexdigest()[:16]}
+    splits = sorted({key.split("/")[0] for key in row.metrics if "/" in key})
+    more = {"method": row.name, "split": ", ".join(splits), "key": hashlib.sha256(content.encode()).hexdigest()[:16]}
     if "train.seed" in own:
         more["seed"] = str(own["train.seed"])
     if overrides:
@@ -185,6 +201,15 @@ def _two_levels(sections: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield section, node
 
 
+def _without_keys(node: Mapping[str, Any], prefix: str, keys: Container[str]) -> dict[str, Any]:
+    """A section without these dotted keys."""
+    left = {}
+    for key, value in node.items():
+        if f"{prefix}{key}" not in keys:
+            left[key] = _without_keys(value, f"{prefix}{key}.", keys) if isinstance(value, Mapping) else value
+    return left
+
+
 def _tokenizers(model: Mapping[str, Any]) -> list[str]:
     """The tokenizers that a model needs: a name, a list of names, or none."""
     tokenizer = model.get("tokenizer") or []
@@ -198,19 +223,28 @@ def _without(key: str, prefixes: Sequence[str]) -> str:
 
 
 def _client(root: Path) -> Any:
-    """A client of mlflow.db. One process creates the tables before anything is written, and the file appears
-    atomically."""
-    logging.getLogger("mlflow").setLevel(logging.WARNING)
-    logging.getLogger("alembic").setLevel(logging.WARNING)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # deprecations inside MLflow and SQLAlchemy
-        from mlflow.store.db import utils
         from mlflow.tracking import MlflowClient
 
-        if _server():
-            return MlflowClient(_server())
-        path = root.resolve() / "mlflow.db"
-        with _alone(root):
+        return MlflowClient(tracking_uri(root))
+
+
+def tracking_uri(root: Path) -> str:
+    """Where runs are logged: MLFLOW_TRACKING_URI, or mlflow.db, which is created if missing.
+
+    One process creates the tables before anything is written, and the file appears atomically.
+    """
+    logging.getLogger("mlflow").setLevel(logging.WARNING)
+    logging.getLogger("alembic").setLevel(logging.WARNING)
+    if server := _server():
+        return server
+    path = root.resolve() / "mlflow.db"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from mlflow.store.db import utils
+
+        with exclusive(root):
             if not path.exists():
                 partial = path.with_name("mlflow.db.partial")
                 partial.unlink(missing_ok=True)
@@ -218,14 +252,14 @@ def _client(root: Path) -> Any:
                 utils._initialize_tables(engine)
                 engine.dispose()
                 partial.rename(path)
-        return MlflowClient(f"sqlite:///{path}")
+    return f"sqlite:///{path}"
 
 
 def _server() -> str | None:
     return os.environ.get("MLFLOW_TRACKING_URI")
 
 
-def _alone(root: Path) -> AbstractContextManager[Any]:
+def exclusive(root: Path) -> AbstractContextManager[Any]:
     """Lock: one process at a time writes to mlflow.db, because SQLite times out under contention. A server needs no
     lock."""
     from filelock import FileLock
@@ -268,7 +302,7 @@ def _end_killed(client: Any, experiment: str) -> None:
         client.set_terminated(run.info.run_id, "KILLED")
 
 
-def _experiment(client: Any, root: Path, name: str, tags: Mapping[str, str]) -> str:
+def get_experiment(client: Any, root: Path, name: str, tags: Mapping[str, str]) -> str:
     """The id of an experiment with these tags; its files are stored in mlartifacts/ beside the database."""
     from mlflow.exceptions import MlflowException
 
