@@ -117,7 +117,8 @@ reference-ranges: setup  ## How eyes, head, lids and jaw of the corpus move, bes
 real-videos: setup  ## Track and fit real videos and print the results. Your own: make real-videos videos=DIR
 	$(BIN)/python -m pipelines.real_videos $(videos)
 
-ui: setup  ## Compare runs in the browser, at 127.0.0.1:5000. Of an experiment: make ui workspace=build/tiny
+ui: setup  ## Register the default model; compare runs in the browser, at 127.0.0.1:5000. make ui workspace=build/tiny
+	@$(BIN)/python -m pipelines.register_model $(workspace)
 	@$(BIN)/python -m talkingeyes.orchestration.mlflow_view $(workspace) 127.0.0.1:5000
 	MLFLOW_SERVER_ENABLE_JOB_EXECUTION=false $(BIN)/mlflow ui --host 127.0.0.1 --port 5000 \
 		--backend-store-uri sqlite:///$(abspath $(workspace))/mlflow.db
