@@ -234,7 +234,8 @@ def _mediapipe() -> Any:
         from mediapipe.python import solutions
     except ImportError as error:
         raise InputError(
-            f"track: mediapipe 0.10.21 and OpenCV should be installed (`make setup`), got none ({error})"
+            "track: mediapipe 0.10.21 (for Python 3.11 and 3.12) and OpenCV should be installed (the extra `track`), "
+            f"got none ({error})"
         ) from None
     return solutions
 
