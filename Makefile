@@ -18,6 +18,8 @@ export RAY_USAGE_STATS_ENABLED := 0
 export HF_HUB_DISABLE_TELEMETRY := 1
 export PYTHONUNBUFFERED := 1
 export PATH := $(abspath $(BIN)):$(PATH)
+# setup compiles nothing beforehand, so Python has to keep what it compiles: DVC would compile 700 modules in every call.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo repro params test check tiny sweep bench wheel packaged-models release-models release-report face tables reference-ranges real-videos ui docs clean

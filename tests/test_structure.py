@@ -258,6 +258,14 @@ def test_no_dependency_sends_telemetry(repository, monkeypatch):
     assert "analytics = false" in (repository / ".dvc/config").read_text()
 
 
+def test_make_lets_python_keep_byte_code(repository):
+    command = ["make", "--no-print-directory", "--eval=shown: ; @env", "shown"]
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    shown = subprocess.run(command, cwd=repository, env=environment, capture_output=True, text=True, check=True).stdout
+    assert "OMP_NUM_THREADS=1" in shown
+    assert "PYTHONDONTWRITEBYTECODE" not in shown
+
+
 def test_imports_go_in_one_direction(repository):
     command = [str(Path(sys.executable).with_name("lint-imports")), "--no-cache"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(["src", "."])}
