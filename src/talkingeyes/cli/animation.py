@@ -85,6 +85,12 @@ def animate(
         list[str] | None, typer.Option("-f", "--format", help="Also write this format, as `export` does; repeatable.")
     ] = None,
     flame: Annotated[Path | None, typer.Option(help="Your FLAME file, for formats that need one.")] = None,
+    eyes: Annotated[
+        str,
+        typer.Option(
+            help="Forward axes of the eyes in the formats: visual (lines of sight) or optical (for photographs)."
+        ),
+    ] = "visual",
     previews: Annotated[
         bool, typer.Option(help="Write a small video of each motion, a plot and a contact sheet.")
     ] = True,
@@ -122,7 +128,7 @@ def animate(
         without=without or (),
         replaced=_parts(replaced or []),
     )
-    options = AnimationOptions(samples, seed, float(fps), controls, tuple(formats or ()), previews, flame)
+    options = AnimationOptions(samples, seed, float(fps), controls, tuple(formats or ()), previews, flame, eyes)
     if dialogue:
         _animate_dialogue(sounds, out, options, model, force)
         return

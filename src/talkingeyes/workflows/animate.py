@@ -22,7 +22,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.animation.controls import Controls
-from talkingeyes.animation.line_of_sight import to_forward_axes
+from talkingeyes.animation.line_of_sight import check_forward_axis, to_forward_axes
 from talkingeyes.animation.model_file import find_model
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core import output_folder
@@ -56,7 +56,9 @@ HASHED_MODULES = ("animation", "audio", "core", "head", "models", "physiology", 
 class AnimationOptions:
     """Options of an animation. `formats` and `previews` (videos, plot, sheet) concern the written files.
 
-    `flame` is the user's own FLAME file, which maps the face for formats on the FLAME head.
+    `flame` is the user's own FLAME file, which maps the face for formats on the FLAME head. `eyes` says what the
+    forward axes of the eyes are in the formats: lines of sight (`visual`) or optical axes (`optical`); previews show
+    the first.
     """
 
     samples: int = 3
@@ -66,6 +68,7 @@ class AnimationOptions:
     formats: tuple[str, ...] = ()
     previews: bool = True
     flame: Path | None = None
+    eyes: str = "visual"
 
     def __post_init__(self) -> None:
         """Raises InputError (one line) for an invalid number or format."""
@@ -76,6 +79,7 @@ class AnimationOptions:
         if not (math.isfinite(self.fps) and FPS_BOUNDS[0] <= self.fps <= FPS_BOUNDS[1]):
             raise InputError(f"fps: should be {FPS_BOUNDS[0]:.0f} to {FPS_BOUNDS[1]:.0f}, got {self.fps}")
         convert.check_formats(self.formats)
+        check_forward_axis(self.eyes)
         if self.flame is not None and not self.flame.is_file():
             raise InputError(f"{self.flame}: should be your FLAME file, got no file")
 
@@ -122,14 +126,15 @@ def animate_to_folder(
     formats: Sequence[str] = (),
     previews: bool = True,
     flame: Path | str | None = None,
+    eyes: str = "visual",
     force: bool = False,
 ) -> list[Animation]:
     """Animate speech into a folder: motions, events, videos, a plot, and the chosen formats of `convert.FORMATS`.
 
-    `force` overwrites the output of an earlier call.
+    `eyes` is as for `export`, and concerns the formats. `force` overwrites the output of an earlier call.
     """
     options = AnimationOptions(
-        samples, seed, float(fps), controls, tuple(formats), previews, None if flame is None else Path(flame)
+        samples, seed, float(fps), controls, tuple(formats), previews, None if flame is None else Path(flame), eyes
     )
     return run_animation(speech, out, options, model, force)
 
@@ -292,9 +297,8 @@ def _write_sample(
     motion = performance.motion
     performance.save(stem.with_name(f"{stem.name}.npz"))
     for format in options.formats:
-        convert.write_motion(
-            motion, performance.events, format, convert.sibling_name(stem, format), model=options.flame
-        )
+        path = convert.sibling_name(stem, format)
+        convert.write_motion(motion, performance.events, format, path, model=options.flame, eyes=options.eyes)
     if options.previews:
         renderer = HeadRenderer(anny_head(), FRAMINGS["head"].view(VIDEO_PX, VIDEO_PX))
         frames = renderer.draw(to_forward_axes(motion))

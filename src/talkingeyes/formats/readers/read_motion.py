@@ -20,7 +20,7 @@ from talkingeyes.core.containers import read_npz
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import CONVENTIONS, Motion
 from talkingeyes.formats.readers import tables
-from talkingeyes.formats.readers.forward_axis import default_forward_axis
+from talkingeyes.formats.readers.forward_axis import default_forward_axis, stated_forward_axis
 from talkingeyes.formats.readers.key_map import KeyMap, read_with_map
 
 Reader = Callable[[Path, float | None], Motion]
@@ -35,9 +35,9 @@ OUTLIER_SHARE = 0.01  # fraction of frames that may exceed the bounds
 MAX_DIVERGENCE_DEG = 12.0  # mean; human optical axes diverge by about 9 degrees when lines of sight are parallel
 _ASIDE_DEG, _DOWN_DEG = np.degrees(MEAN_KAPPA_RAD[0]) * [1.0, -1.0]
 FORWARD_AXIS_NOTES = {
-    "visual": f"eyes taken as lines of sight (--eyes visual); optical axes by the mean kappa, {_ASIDE_DEG:.1f} degrees "
+    "visual": f"lines of sight (--eyes visual); optical axes by the mean kappa, {_ASIDE_DEG:.1f} degrees "
     f"to the temple and {_DOWN_DEG:.1f} down",
-    "optical": "eyes taken as optical axes (--eyes optical), as in a motion",
+    "optical": "optical axes (--eyes optical), as in a motion",
 }
 
 
@@ -67,7 +67,9 @@ def read_motion(
         motion = reader(path, fps)
         forward_axis = check_forward_axis(eyes or default_forward_axis(path, name))
         notes = check_motion(path, motion)
-        notes += [FORWARD_AXIS_NOTES[forward_axis]] if motion.gaze.any() else []
+        if motion.gaze.any():
+            stated = eyes is None and bool(stated_forward_axis(path, name))
+            notes.append(f"eyes {'stated' if stated else 'taken'} as {FORWARD_AXIS_NOTES[forward_axis]}")
         motion = from_forward_axes(motion, forward_axis)
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None

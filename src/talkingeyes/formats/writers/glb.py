@@ -2,7 +2,8 @@
 
 Axes and units are glTF's (y up, metres, the face towards +z). Every shape of the head is a morph target with its own
 name, including those of ARKit. Lids are driven by the shapes of the Eyelid model (docs/eyelid.md). Poses are those of
-head/skinning.py, except for FLAME's pose correctives, which glTF does not support.
+head/skinning.py, except for FLAME's pose correctives, which glTF does not support. The extras of the asset state what
+the forward axes of the eyes are.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 from talkingeyes.core.motion import Motion
+from talkingeyes.formats.readers.forward_axis import FORWARD_AXIS_KEY
 from talkingeyes.formats.rotations import quaternions
 from talkingeyes.formats.writers.gltf import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Gltf
 from talkingeyes.head.model import JOINTS, PARENTS, HeadModel
@@ -23,9 +25,10 @@ from talkingeyes.head.posing import motion_to_pose
 INFLUENCES = 4  # joints per vertex in glTF's first set
 
 
-def write_glb(motion: Motion, head: HeadModel, path: Path) -> None:
-    """Write the head with its motion."""
+def write_glb(motion: Motion, head: HeadModel, path: Path, eyes: str = "visual") -> None:
+    """Write the head with its motion; `eyes` is stated as its forward axes."""
     gltf = Gltf()
+    gltf.document["asset"]["extras"] = {FORWARD_AXIS_KEY: eyes}
     pose = motion_to_pose(head, motion)
     offsets = joint_offsets(head)
     for joint, name in enumerate(JOINTS):

@@ -1,6 +1,7 @@
 """The head and its motion as USD (text, .usda): mesh, skeleton, blend shapes and a SkelAnimation with time samples.
 
 Written as text, so that no library is needed; y up, metres, one time code per frame. Poses are those of GLB (`glb`).
+The data of the layer state what the forward axes of the eyes are.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from numpy import ndarray
 
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.motion import Motion
+from talkingeyes.formats.readers.forward_axis import FORWARD_AXIS_KEY
 from talkingeyes.formats.rotations import quaternions
 from talkingeyes.formats.writers.glb import INFLUENCES, influences, joint_offsets
 from talkingeyes.head.model import JOINTS, PARENTS, HeadModel
@@ -21,16 +23,17 @@ from talkingeyes.head.posing import motion_to_pose
 PATHS = ("root", "root/neck", "root/neck/jaw", "root/neck/left_eye", "root/neck/right_eye")  # in the order of JOINTS
 
 
-def write_usd(motion: Motion, head: HeadModel, path: Path) -> None:
-    """Write the stage."""
+def write_usd(motion: Motion, head: HeadModel, path: Path, eyes: str = "visual") -> None:
+    """Write the stage; `eyes` is stated as its forward axes."""
     with atomic_write(path) as partial, partial.open("w") as file:
-        for part in (_opening(motion), _mesh(head), _skeleton(head), _animation(motion, head), ["}"]):
+        for part in (_opening(motion, eyes), _mesh(head), _skeleton(head), _animation(motion, head), ["}"]):
             file.writelines(f"{line}\n" for line in part)
 
 
-def _opening(motion: Motion) -> Iterator[str]:
+def _opening(motion: Motion, eyes: str) -> Iterator[str]:
     yield "#usda 1.0"
     yield "("
+    yield f'    customLayerData = {{\n        string {FORWARD_AXIS_KEY} = "{eyes}"\n    }}'
     yield '    defaultPrim = "Head"'
     yield f"    startTimeCode = 0\n    endTimeCode = {len(motion) - 1}"
     yield f"    timeCodesPerSecond = {motion.fps!r}\n    framesPerSecond = {motion.fps!r}"

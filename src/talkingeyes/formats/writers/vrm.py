@@ -2,7 +2,7 @@
 
 A bare humanoid in T-pose. The bone `head` rotates; the look-at node has one yaw and pitch for both eyes (the mean
 direction, because VRM has no vergence); blinks and mouth opening are expressions, whose weight is the x of a node's
-translation. VRM faces +z, as this project does.
+translation. VRM faces +z, as this project does. The extras of the asset state what the forward axes of the eyes are.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy import ndarray
 from talkingeyes.core import rotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
+from talkingeyes.formats.readers.forward_axis import FORWARD_AXIS_KEY
 from talkingeyes.formats.rotations import from_euler_yxz, quaternions
 from talkingeyes.formats.writers.gltf import Gltf
 
@@ -41,9 +42,10 @@ BONES: dict[str, tuple[str, tuple[float, float, float]]] = {
 OFFSET_FROM_HEAD = [0.0, 0.06, 0.08]  # of the midpoint between the eyes
 
 
-def write_vrm(motion: Motion, path: Path) -> None:
-    """Write the animation."""
+def write_vrm(motion: Motion, path: Path, eyes: str = "visual") -> None:
+    """Write the animation; `eyes` is stated as its forward axes."""
     gltf = Gltf()
+    gltf.document["asset"]["extras"] = {FORWARD_AXIS_KEY: eyes}
     bones = {name: gltf.node(name, translation=list(offset)) for name, (_, offset) in BONES.items()}
     for name, (parent, _) in BONES.items():
         if parent:
