@@ -6,6 +6,8 @@ import json
 
 import numpy as np
 import pytest
+from test_inference import without_torch
+from test_people import people_csv
 from toy_people import ANNOTATION, ToyPerson
 
 from talkingeyes.audio.voice_activity import detect_speech
@@ -14,6 +16,7 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.motion_files import clip_id_of, read_motions
 from talkingeyes.corpus.store import Corpus, make_shard_path
+from talkingeyes.workflows.convert import export
 from talkingeyes.workflows.evaluate import benchmark_text, evaluate
 
 CLIPS = 4
@@ -57,6 +60,30 @@ def test_truth_against_itself_writes_table_and_plot(corpus, tmp_path):
     assert "4 sounds at 25 fps, compared with the truth under the same sounds" in benchmark_text(found)
     with pytest.raises(InputError, match="--force"):
         evaluate(corpus / "truth", corpus, tmp_path / "out", n_resamples=20)
+
+
+# What the extras of pyproject.toml install beyond the base installation.
+EXTRAS = "torch sklearn hydra omegaconf mlflow dvc ruamel optuna ray pxr mediapipe cv2 transformers fastapi uvicorn"
+
+
+def test_files_of_another_program_are_measured_without_torch_and_models(corpus, tmp_path):
+    """Live Link tables go through `import` and `evaluate` in the base installation, against a corpus and people."""
+    people_csv(tmp_path / "people.csv")
+    (tmp_path / "takes").mkdir()
+    for seed in range(CLIPS):
+        export(motion(20 + seed), tmp_path / "takes" / f"c{seed}-t0.csv")
+    against = ("--reference", str(corpus), "--n-resamples", "20")
+    for arguments in (
+        ("import", "takes", "-o", "motions", "--fps", "25"),
+        ("evaluate", "motions", *against, "-o", "out"),
+        ("evaluate", "motions", *against, "--people", "people.csv", "-o", "people"),
+    ):
+        done = without_torch(tmp_path, *arguments, packages=EXTRAS)
+        assert done.returncode == 0, done.stderr
+    measured = json.loads((tmp_path / "out" / "benchmark.json").read_text())
+    assert measured["sounds"] == CLIPS
+    assert measured["metrics"]["saccades/rate"]["value"]["value"] > 0.2
+    assert (tmp_path / "people" / "people.json").is_file()
 
 
 def test_samples_unknown_and_broken_files(corpus, tmp_path):

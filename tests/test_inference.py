@@ -25,14 +25,16 @@ from talkingeyes.models.face.style import FaceStyle, StyleKey
 from talkingeyes.training.face_generators import load_face_generator
 from talkingeyes.training.motion_generators import load_generator
 
-# Runs the command line in a process that has no torch.
-REFUSE_TORCH = """
+# Runs the command line in a process without the packages that its first argument names.
+REFUSE_PACKAGES = """
 import sys
+
+REFUSED = set(sys.argv.pop(1).split())
 
 class Refuse:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] == "torch":
-            raise ModuleNotFoundError("No module named 'torch'", name="torch")
+        if name.partition(".")[0] in REFUSED:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 sys.meta_path.insert(0, Refuse())
 from talkingeyes.cli.main import main
@@ -84,9 +86,9 @@ def test_faces_equal_those_of_torch(folder: Path, frames: int) -> None:
     np.testing.assert_allclose(found.jaw, expected.jaw, atol=1e-5)
 
 
-def without_torch(place: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """`talkingeyes` in a process in which importing torch fails."""
-    command = [sys.executable, "-c", REFUSE_TORCH, *arguments]
+def without_torch(place: Path, *arguments: str, packages: str = "torch") -> subprocess.CompletedProcess[str]:
+    """`talkingeyes` in a process in which importing torch, or these packages, fails."""
+    command = [sys.executable, "-c", REFUSE_PACKAGES, packages, *arguments]
     return subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=240, check=False)
 
 
