@@ -28,6 +28,7 @@ import soundfile
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from live_model import write_live_model
+from scipy.spatial.transform import Rotation
 from test_streaming import speech
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
@@ -36,6 +37,7 @@ from talkingeyes.animation.streaming import LiveModel
 from talkingeyes.apps.service.animation_request import AnimationRequest, EyesRequest
 from talkingeyes.apps.viewer.pose_encoding import POSE_COLUMNS
 from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.formats import arkit
 from talkingeyes.workflows import convert
 from tests.browser import CHROMIUM, FLAGS, Browser, open_browser
 
@@ -139,6 +141,27 @@ def spoken(connection: ClientConnection, sound: np.ndarray, chunk: int = 3200) -
         assert int.from_bytes(message[:4], "little") == expected
         rows.append(np.frombuffer(message[4:], "<f4").reshape(-1, about["columns"]))
         expected += len(rows[-1])
+
+
+def json_stream(connection: ClientConnection, sound: np.ndarray) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Send a sound; return the first message of a stream of JSON, and its frames."""
+    about, frames = json.loads(connection.recv(120)), []
+    connection.send(pcm(sound))
+    connection.send('{"end": true}')
+    while "end" not in (message := json.loads(connection.recv(120))):
+        assert message["first"] == len(frames)
+        frames += message["frames"]
+    return about, frames
+
+
+def missed_deg(frame: dict[str, Any], target_m: np.ndarray) -> float:
+    """Angle between the gaze of both eyes together and a point, which is given from between the eyes at rest."""
+    between = np.array([0.0, 0.041374, 0.084397])  # from the neck joint
+    yaw, pitch = np.radians(frame["look_deg"])
+    look = np.array([np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)])
+    head = Rotation.from_quat(frame["head"])
+    wanted = target_m + between - head.apply(between)
+    return float(np.degrees(np.arccos(head.apply(look) @ wanted / np.linalg.norm(wanted))))
 
 
 def well(service: Service) -> None:
@@ -247,6 +270,54 @@ class TestStreams:
 
         np.testing.assert_allclose(rows, pose_rows(anny_head(), to_forward_axes(whole)), atol=1e-4)
 
+    def test_json_frames_are_the_rows(self, service: Service) -> None:
+        """An independent decoding: quaternions and coefficients of the frames against the rows of the same stream."""
+        sound = speech(SECONDS)
+        with service.stream() as connection:
+            connection.send('{"seed": 5}')
+            rows, _ = spoken(connection, sound)
+        with service.stream() as connection:
+            connection.send('{"seed": 5, "format": "json"}')
+            about, frames = json_stream(connection, sound)
+        assert about == {"fps": 25.0, "latency_s": about["latency_s"], "format": "json"}
+        assert [round(each["time_s"] * 25) for each in frames] == list(range(len(rows)))
+        for name, first in (("head", 3), ("left_eye", 11), ("right_eye", 15)):
+            np.testing.assert_allclose([each[name] for each in frames], rows[:, first : first + 4], atol=2e-5)
+        eyes = [
+            Rotation.from_quat([each[name] for each in frames]).apply([0, 0, 1]) for name in ("left_eye", "right_eye")
+        ]
+        yaw_deg = [np.degrees(np.arctan2(each[:, 0], each[:, 2])) for each in eyes]
+        x, y, z = np.sum(eyes, axis=0).T
+        middle = np.degrees([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))]).T
+        np.testing.assert_allclose([each["look_deg"] for each in frames], middle, atol=0.01)
+        shapes = [each["blendshapes"] for each in frames]
+        assert set(shapes[0]) == {f"{what}{side}" for side in ("Left", "Right") for what in arkit.EYE_COEFFICIENTS}
+        out = np.array([each["eyeLookOutLeft"] - each["eyeLookInLeft"] for each in shapes])
+        np.testing.assert_allclose(np.clip(yaw_deg[0] / 37, -1, 1), out, atol=1e-3)
+        assert max(each["eyeBlinkLeft"] for each in shapes) <= 1.0
+
+    def test_a_change_takes_effect_within_200_ms(self, service: Service) -> None:
+        """In stream time: frames after the message; the reply names the first of them."""
+        sound, half = speech(2 * SECONDS), int(SECONDS * SAMPLE_RATE)
+        target = [0.4, 0.1, 1.0]
+        with service.stream() as connection:
+            connection.send('{"seed": 5, "format": "json", "blink_liveliness": 0}')
+            about = json.loads(connection.recv(120))
+            connection.send(pcm(sound[:half]))
+            before = json.loads(connection.recv(120))["frames"]
+            connection.send(json.dumps({"set": {"target": target}}))
+            reply = json.loads(connection.recv(120))
+            connection.send(pcm(sound[half:]))
+            connection.send('{"end": true}')
+            after = []
+            while "end" not in (message := json.loads(connection.recv(120))):
+                after += message["frames"]
+        assert reply == {"set": {"target": target}, "frame": len(before)}
+        assert SECONDS - len(before) / about["fps"] < about["latency_s"] + 0.1
+        missed = [missed_deg(each, np.array(target)) for each in before[-1:] + after[round(0.2 * about["fps"]) - 1 :]]
+        assert missed[0] > 5.0
+        assert max(missed[1:]) < 1.0
+
     @pytest.mark.parametrize("client", ["python", "javascript"])
     def test_the_clients_of_the_recipes_receive_every_frame(
         self, service: Service, repository: Path, tmp_path: Path, client: str
@@ -314,6 +385,18 @@ class TestStreams:
             (["{}", b"\0"], "sound should be 16-bit samples, got 1 bytes"),
             (["{}", b"\0" * 64_002], "at most 64000 bytes"),
             (["{}", "what"], "after the request"),
+            (["{}", '{"set": 1}'], 'after the request should be {"set": {...}} or {"end": true}'),
+            (["{}", '{"set": {}, "end": true}'], "after the request"),
+            (["{}", '{"set": {"seed": 2}}'], "set.seed: Extra inputs are not permitted, got 2"),
+            (["{}", '{"set": {"eye_contact": 2}}'], "set.eye_contact: Input should be less than or equal to 1, got 2"),
+            (["{}", '{"set": {"head_liveliness": null}}'], "set.head_liveliness: Input should be a valid number"),
+            (
+                ["{}", '{"set": {"target": "sun"}}'],
+                "set.target: should be camera, listener, [x, y, z] in metres, or null",
+            ),
+            (["{}", '{"set": {"target": [0, 0, -1]}}'], "set.target: the point should be within 75 degrees"),
+            (['{"target": [0, 0, 0.01]}'], "request.target: the point should be 0.15 m to"),
+            (['{"format": "xml"}'], "request.format: Input should be 'binary' or 'json', got 'xml'"),
             (["{}", *[b"\0" * 64_000] * 16], "at most 30 s"),
         ],
     )

@@ -11,14 +11,15 @@ from fastapi.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from talkingeyes.apps.viewer.local_server import ACCESS, ANY_ADDRESS, create_app
+from talkingeyes.core.errors import InputError
 
 LOCAL = "http://127.0.0.1:8000"
 FOREIGN = {"origin": "https://elsewhere.example"}
 
 
-def app(host: str = "127.0.0.1") -> Any:
+def app(host: str = "127.0.0.1", stream_origins: tuple[str, ...] = ()) -> Any:
     """An application as the servers make it, with a page, a change of state, and a socket."""
-    made = create_app(host)
+    made = create_app(host, stream_origins)
 
     @made.get("/")
     def page() -> str:
@@ -52,6 +53,19 @@ def test_pages_of_other_sites_are_refused() -> None:
         assert client.post("/change", headers={"origin": origin}).status_code == 403
     with pytest.raises(WebSocketDisconnect), client.websocket_connect("ws://127.0.0.1:8000/stream", headers=FOREIGN):
         pass
+
+
+def test_pages_of_a_named_origin_may_open_sockets_and_nothing_else() -> None:
+    page = "http://127.0.0.1:9999"
+    client = TestClient(app(stream_origins=(page,)), base_url=LOCAL)
+    with client.websocket_connect("ws://127.0.0.1:8000/stream", headers={"origin": page}) as socket:
+        assert socket.receive_text() == "hello"
+    assert client.post("/change", headers={"origin": page}).status_code == 403
+    with pytest.raises(WebSocketDisconnect), client.websocket_connect("ws://127.0.0.1:8000/stream", headers=FOREIGN):
+        pass
+    for wrong in ("127.0.0.1:9999", f"{page}/", f"{page}/page.html", "file://", "*"):
+        with pytest.raises(InputError, match="origin: should be as http"):
+            create_app(stream_origins=(wrong,))
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", *ANY_ADDRESS])

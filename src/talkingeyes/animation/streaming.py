@@ -3,7 +3,8 @@
 The frame at time t is given as soon as the sound up to t + `latency_s` has come (0.237 s with `talkingeyes_live`: 37 ms
 for prosody, 160 ms lookahead of its speech layers, 40 ms for the rest of a bin of gaze). The frames do not depend on
 how the sound is cut into chunks; they equal `LiveModel.generate_offline` (docs/live.md). Only the steps of
-`pipeline.CAUSAL_STEPS` apply. Jaw and expression are neutral: no face model can be streamed yet.
+`pipeline.CAUSAL_STEPS` apply, then eye contact and a target (`live_gaze.py`). Controls can be changed while the stream
+runs. Jaw and expression are neutral: no face model can be streamed yet.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import takewhile
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from talkingeyes.animation.blink_sampling import SHUT_CLOSURE
 from talkingeyes.animation.context import AnimationContext, MotionCentre, sample_seeds
 from talkingeyes.animation.controls import Controls, Liveliness
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory, hold_frames
+from talkingeyes.animation.live_gaze import GazeDirection, LiveGaze
 from talkingeyes.animation.model_file import open_model
 from talkingeyes.animation.pipeline import CAUSAL_STEPS
 from talkingeyes.audio.encoder import EmbedSettings
@@ -43,6 +45,8 @@ from talkingeyes.training.motion_generators import NetworkGenerator, load_genera
 
 MAX_LATENCY_S = 0.4
 STRAIGHT_AHEAD_RAD = np.zeros(2)
+RAMP_S = 0.2  # in which a changed liveliness takes effect
+GAZE_STREAM = 1  # of the seeds
 
 
 @dataclass(frozen=True)
@@ -60,10 +64,11 @@ class StreamFrames:
 
 @dataclass(frozen=True)
 class LiveControls:
-    """Controls of a stream: the blink profile, and the liveliness (`animation/controls.py`)."""
+    """Controls of a stream: blink profile, liveliness (`animation/controls.py`), eye contact and target."""
 
     blinks: str = "physiological"
     liveliness: Liveliness = field(default_factory=Liveliness)
+    gaze: GazeDirection = field(default_factory=GazeDirection)
 
 
 DEFAULT_LIVE_CONTROLS = LiveControls()
@@ -123,7 +128,8 @@ class LiveModel:
         """The frames of a stream, computed from the whole sound at once."""
         features = StreamingProsody(self.embedding, self.fps).process_offline(sound)
         (own_seed,) = sample_seeds(seed, 1)
-        trajectory = self.apply_steps(self.network.generate(self.embed(features), [own_seed]), controls)
+        trajectory = self.apply_steps(self.network.generate(self.embed(features), [own_seed]), controls.liveliness)
+        trajectory = self.live_gaze(seed).direct(trajectory, controls.gaze)
         sampled_blinks = self.sample_hour_of_blinks(seed, controls)
         closure = blinks.blink_closure(sampled_blinks, trajectory.times_s)
         space = hold_frames(trajectory.gaze_in_space_rad, closure >= SHUT_CLOSURE)
@@ -144,13 +150,21 @@ class LiveModel:
         """Names of the speech channels that the network uses."""
         return self.network.settings.speech.channels or ()
 
-    def apply_steps(self, generated: GeneratedMotion, controls: LiveControls) -> GazeTrajectory:
+    def live_gaze(self, seed: int) -> LiveGaze:
+        """What directs the gaze of a stream."""
+        return LiveGaze(self.fps, self.mean_head, [seed, GAZE_STREAM])
+
+    @property
+    def mean_head(self) -> Float[ndarray, " 3"]:
+        """The model's mean head pose."""
+        return np.asarray(StreamingModules.of(self.network).head.normal.mean.numpy(), np.float64)
+
+    def apply_steps(self, generated: GeneratedMotion, liveliness: Liveliness) -> GazeTrajectory:
         """Apply the causal steps to generated frames; they scale about the model's mean pose and straight ahead."""
         head, gaze = (part[0].numpy().astype(np.float64) for part in (generated.head, generated.gaze))
         trajectory = GazeTrajectory(self.fps, head, rotation.gaze_in_space(head, gaze), ())
-        mean_pose = StreamingModules.of(self.network).head.normal.mean.numpy()
         context = AnimationContext(
-            Controls(liveliness=controls.liveliness), centre=MotionCentre(mean_pose, STRAIGHT_AHEAD_RAD)
+            Controls(liveliness=liveliness), centre=MotionCentre(self.mean_head, STRAIGHT_AHEAD_RAD)
         )
         for step in CAUSAL_STEPS:
             trajectory = step(trajectory, context)
@@ -169,7 +183,9 @@ class LiveStream:
     """The state of one stream; sound that no later frame needs is dropped, so memory does not grow."""
 
     def __init__(self, model: LiveModel, seed: int, controls: LiveControls) -> None:
-        self._model, self._controls = model, controls
+        self._model, self._controls, self._before = model, controls, controls.liveliness
+        self._changed_frame = -math.inf  # when liveliness was changed
+        self._gaze = model.live_gaze(seed)
         self._blinks = deque(model.sample_hour_of_blinks(seed, controls))
         self._motion = MotionStream(model.network, sample_seeds(seed, 1)[0])
         self._prosody = StreamingProsody(
@@ -196,6 +212,18 @@ class LiveStream:
         parts = [self._push_features(features[first : first + patch]) for first in range(0, len(features), patch)]
         return self._add_blinks(parts)
 
+    def change(self, liveliness: Liveliness | None = None, gaze: GazeDirection | None = None) -> int:
+        """Change controls for the frames that have not been given yet; returns the number of the first of them.
+
+        The liveliness of head and gaze takes effect over 0.2 s. Blinks stay as they were sampled.
+        """
+        if liveliness is not None and liveliness != self._controls.liveliness:
+            self._before, self._changed_frame = self._liveliness(self._frames - 1), self._frames
+            self._controls = replace(self._controls, liveliness=liveliness)
+        if gaze is not None:
+            self._controls = replace(self._controls, gaze=gaze)
+        return self._frames
+
     def finish(self) -> StreamFrames:
         """End the stream and return its remaining frames."""
         self._ended = True
@@ -210,7 +238,7 @@ class LiveStream:
         parts = [part for part in parts if part.head.shape[1]]
         if not parts:
             return StreamFrames(self._frames, np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros((0, 2)))
-        trajectory = self._model.apply_steps(concat_motions(parts), self._controls)
+        trajectory = self._gaze.direct(self._apply_steps(concat_motions(parts)), self._controls.gaze)
         first = self._frames
         self._frames += len(trajectory.head)
         closure = self._closure(np.arange(first, self._frames) / self._model.fps)
@@ -218,6 +246,32 @@ class LiveStream:
         self._held_gaze = space[-1].copy()
         eye = eye_head.clamp_to_eye_range(rotation.eye_in_head(trajectory.head, space))
         return StreamFrames(first, trajectory.head, eye, np.repeat(closure[:, None], 2, axis=1))
+
+    def _apply_steps(self, generated: GeneratedMotion) -> GazeTrajectory:
+        """Apply the causal steps; frame by frame while a changed liveliness takes effect."""
+        frames = generated.head.shape[1]
+        if self._frames - self._changed_frame > RAMP_S * self._model.fps:
+            return self._model.apply_steps(generated, self._controls.liveliness)
+        parts = [
+            self._model.apply_steps(
+                GeneratedMotion(generated.head[:, frame : frame + 1], generated.gaze[:, frame : frame + 1]),
+                self._liveliness(self._frames + frame),
+            )
+            for frame in range(frames)
+        ]
+        head, space = (
+            np.concatenate([getattr(each, name) for each in parts]) for name in ("head", "gaze_in_space_rad")
+        )
+        return GazeTrajectory(self._model.fps, head, space, ())
+
+    def _liveliness(self, frame: int) -> Liveliness:
+        """Liveliness at a frame: the last change takes effect with minimum jerk."""
+        done = float(eye_head.minimum_jerk(np.array((frame - self._changed_frame + 1) / (RAMP_S * self._model.fps))))
+        before, after = self._before, self._controls.liveliness
+        head, gaze = (
+            (1.0 - done) * old + done * new for old, new in ((before.head, after.head), (before.gaze, after.gaze))
+        )
+        return replace(after, head=head, gaze=gaze)
 
     def _closure(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
         """Lid closure at each time; blinks that are over are dropped."""

@@ -148,7 +148,8 @@ def _parse_track(name: str, value: Any) -> ObjectTrack:
     return ObjectTrack(tuple(times), tuple((x, y, z) for x, y, z in positions))
 
 
-def _check_reach(name: str, position_m: Sequence[float], frame: str) -> None:
+def check_reach(name: str, position_m: Sequence[float], frame: str) -> None:
+    """Raises ValueError for a position that head and eyes (`world`), or the eyes alone (`head`), do not reach."""
     x, y, z = position_m
     distance = math.hypot(x, y, z)
     if not MIN_DISTANCE_M <= distance <= MAX_DISTANCE_M:
@@ -185,7 +186,7 @@ def _checked(
         raise ValueError("should hold at least one target or object")
     for name, object_track in tracks.items():
         for position in object_track.positions_m:
-            _check_reach(name, position, frame)
+            check_reach(name, position, frame)
     known = [CAMERA, LISTENER, *tracks]
     targets: list[Target] = []
     for number, (start, end, name) in enumerate(rows, 1):

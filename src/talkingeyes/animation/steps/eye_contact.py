@@ -143,17 +143,21 @@ def _apply_offsets(
         rng = np.random.default_rng([*seeds, int(found.start_s[index] * 1000)])
         far = float(np.hypot(*location))
         if in_contact[index] and far > NEAR_RAD:
-            offsets[index] = (
-                np.clip(0.4 * FACE_RADIUS_RAD * rng.standard_normal(2), -NEAR_RAD / 2, NEAR_RAD / 2) - location
-            )
+            offsets[index] = sample_within_face_rad(rng) - location
         elif not in_contact[index] and far < FAR_RAD:
             if found.start_s[index] > aversion_end or in_contact[index - 1]:
-                away, aversion_end = _sample_aversion_rad(rng, cause), found.start_s[index] + AVERSION_S
+                away, aversion_end = sample_aversion_rad(rng, cause), found.start_s[index] + AVERSION_S
             offsets[index] = away  # scanning within the face becomes scanning about the new location
     return add_head_turns(shift_fixations(trajectory, offsets), found.start_s, offsets, HEAD_THRESHOLD_RAD, HEAD_GAIN)
 
 
-def _sample_aversion_rad(rng: np.random.Generator, cause: AversionCause) -> Float[ndarray, " 2"]:
+def sample_within_face_rad(rng: np.random.Generator) -> Float[ndarray, " 2"]:
+    """Sample where in the listener's face a fixation lies, from between the eyes."""
+    return np.asarray(np.clip(0.4 * FACE_RADIUS_RAD * rng.standard_normal(2), -NEAR_RAD / 2, NEAR_RAD / 2))
+
+
+def sample_aversion_rad(rng: np.random.Generator, cause: AversionCause = "intimacy") -> Float[ndarray, " 2"]:
+    """Sample amplitude and direction of a gaze aversion, from between the listener's eyes."""
     size = saccades.sample_amplitudes_rad(1, rng, MIN_AVERSION_DEG, MAX_AVERSION_DEG)
     step = saccades.sample_directions(1, rng, octant_probabilities(cause))[0]
     return np.asarray(size * step / np.hypot(*step))

@@ -177,7 +177,7 @@ def _head_rotation_rad(trajectory: GazeTrajectory, segments: list[_Segment]) -> 
     moves: list[HeadMovement] = []
     now = np.zeros(2)
     for segment in segments:
-        level = _head_contribution_rad(segment.points_m, pointing[segment.part].mean(axis=0))
+        level = target_head_contribution_rad(segment.points_m, pointing[segment.part].mean(axis=0))
         step = level[0] - now
         if (size := float(np.hypot(*step))) > MIN_STEP_RAD:
             onset = segment.start_s + HEAD_LAG_S if segment.part.start else -1.0
@@ -190,9 +190,10 @@ def _head_rotation_rad(trajectory: GazeTrajectory, segments: list[_Segment]) -> 
     return np.asarray(total + eye_head.head_path(moves, trajectory.times_s)[:, :2])
 
 
-def _head_contribution_rad(
+def target_head_contribution_rad(
     points_m: Float[ndarray, "N 3"] | None, pointing_rad: Float[ndarray, " 2"]
 ) -> Float[ndarray, "N 2"]:
+    """Rotation (yaw, pitch) that a head that points somewhere adds for targets at points; 0 without points."""
     if points_m is None:
         return np.zeros((1, 2))
     angles = rotation.direction_to_angles(points_m / np.linalg.norm(points_m, axis=-1, keepdims=True))

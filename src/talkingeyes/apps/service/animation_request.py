@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from talkingeyes.animation.controls import MAX_LIVELINESS, Controls, Liveliness
-from talkingeyes.core.settings import Settings
+from talkingeyes.animation.live_gaze import GazeDirection
+from talkingeyes.animation.targets import CAMERA, LISTENER, STRAIGHT_AHEAD, check_reach
+from talkingeyes.core.settings import Settings, bounds_error
 from talkingeyes.models.face.style import FaceStyle, StyleKey
 
 
@@ -17,7 +19,7 @@ def _liveliness(what: str) -> Any:
 
 
 class AnimationRequest(Settings):
-    """Settings of an animation. Person, eye contact, emotion and intensity apply to files, not to live streams."""
+    """Settings of an animation. Person, frame rate, emotion and intensity apply to files, not to live streams."""
 
     seed: Annotated[int, Field(ge=0, lt=2**31, description="each seed gives another sample")] = 0
     person: Annotated[str, Field(max_length=100, description="training speaker (service.json lists them)")] | None = (
@@ -50,6 +52,57 @@ class AnimationRequest(Settings):
         )
 
 
+Target = Annotated[
+    Literal["camera", "listener"] | tuple[float, float, float] | None,
+    Field(description="what gaze is at: camera, listener, [x, y, z] in metres (left, up, ahead), or null"),
+]
+
+
+def _check_target(value: Any) -> Any:
+    """A name, a point within reach, or None. Raises an error of pydantic for anything else."""
+    if value is None or (isinstance(value, str) and value in (CAMERA, LISTENER)):
+        return value
+    numbers = isinstance(value, list | tuple) and all(isinstance(each, float | int) for each in value)
+    if not numbers or len(value) != 3:
+        raise bounds_error(f"should be {CAMERA}, {LISTENER}, [x, y, z] in metres, or null", value)
+    try:
+        check_reach("the point", value, "world")
+    except ValueError as error:
+        requirement, _, distance = str(error).rpartition(", got ")
+        raise bounds_error(requirement, distance) from None
+    return tuple(value)
+
+
+class StreamRequest(AnimationRequest):
+    """The first message of a stream."""
+
+    format: Annotated[Literal["binary", "json"], Field(description="form of the frames")] = "binary"
+    target: Target = None
+
+    _target_in_reach = field_validator("target", mode="before")(_check_target)
+
+    @property
+    def gaze(self) -> GazeDirection:
+        """What directs gaze."""
+        ahead = STRAIGHT_AHEAD.positions_m[0] if self.target in (CAMERA, LISTENER) else None
+        return GazeDirection(self.eye_contact, ahead or (self.target if isinstance(self.target, tuple) else None))
+
+
+class StreamChanges(Settings):
+    """What can be changed while a stream runs: {"set": {...}}. A key that is absent stays as it is."""
+
+    head_liveliness: Annotated[float, _liveliness("motion of the head")] = 1.0
+    gaze_liveliness: Annotated[float, _liveliness("motion of the eyes")] = 1.0
+    eye_contact: Annotated[float, Field(ge=0, le=1, description="share of time; null: the model's")] | None = None
+    target: Target = None
+
+    _target_in_reach = field_validator("target", mode="before")(_check_target)
+
+    def applied_to(self, request: StreamRequest) -> StreamRequest:
+        """The request with the keys that were given."""
+        return request.model_copy(update={name: getattr(self, name) for name in self.model_fields_set})
+
+
 class EyesRequest(Settings):
     """How the eyes of an animation go into a file of another program (workflows/add_eyes.py)."""
 
@@ -74,7 +127,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class PoseChunk:
-    """Reply of a worker to a chunk of sound: `count` frames; `rows` starts with the index of the first (4 bytes)."""
+    """Reply of a worker to a chunk of sound: `count` frames, as bytes (index of the first, rows) or as JSON."""
 
     count: int
-    rows: bytes
+    rows: bytes | str

@@ -15,7 +15,7 @@ from typing import Any
 
 from pydantic import BaseModel, Field
 
-from talkingeyes.apps.service.animation_request import AnimationRequest, EyesRequest
+from talkingeyes.apps.service.animation_request import AnimationRequest, EyesRequest, StreamChanges, StreamRequest
 from talkingeyes.core.settings import Settings
 
 TEMPLATE = Path(__file__).parent / "assets" / "api.html"
@@ -96,10 +96,20 @@ def api_page(schema: Mapping[str, Any], address: str) -> str:
     )
     return Template(TEMPLATE.read_text()).substitute(
         operations=operations,
+        stream_request=_keys(StreamRequest, ("person", "fps", "emotion", "intensity")),
+        stream_changes=_keys(StreamChanges, has_defaults=False),
         address=escape(address),
         socket=escape(address.replace("http", "ws", 1)),
         version=escape(schema["info"]["version"]),
     )
+
+
+def _keys(settings: type[Settings], without: Sequence[str] = (), has_defaults: bool = True) -> str:
+    """A table of the keys of a message."""
+    rows = [(each["name"], *_type(each["schema"])) for each in _query(settings) if each["name"] not in without]
+    if has_defaults:
+        return _table(("key", "type", "default", "meaning"), rows)
+    return _table(("key", "type", "meaning"), [(name, type, meaning) for name, type, _, meaning in rows])
 
 
 def _operation(method: str, path: str, operation: Mapping[str, Any], schemas: Mapping[str, Any]) -> str:
@@ -122,17 +132,25 @@ def _operation(method: str, path: str, operation: Mapping[str, Any], schemas: Ma
 
 def _type(schema: Mapping[str, Any]) -> tuple[str, str, str]:
     """Type with its bounds, default and meaning of a value; of `value or null`, those of the value."""
-    chosen = next((each for each in schema.get("anyOf", ()) if each.get("type") != "null"), schema)
-    name = " | ".join(chosen["enum"]) if "enum" in chosen else chosen.get("type", "")
-    if name == "array":
-        name = f"[{chosen['items']['type']}]"
+    alternatives = [each for each in schema.get("anyOf", (schema,)) if each.get("type") != "null"]
+    chosen, name = alternatives[0], " | ".join(map(_name, alternatives))
     bounds = [
         f"{sign} {json.dumps(chosen[key])}"
         for key, sign in (("minimum", "≥"), ("maximum", "≤"), ("exclusiveMaximum", "<"))
         if key in chosen
     ]
     default = schema.get("default")
-    return " ".join([name, *bounds]), "" if default is None else json.dumps(default), chosen.get("description", "")
+    meaning = chosen.get("description", schema.get("description", ""))
+    return " ".join([name, *bounds]), "" if default is None else json.dumps(default), meaning
+
+
+def _name(schema: Mapping[str, Any]) -> str:
+    """The type of a value without its bounds."""
+    if "enum" in schema:
+        return " | ".join(schema["enum"])
+    if schema.get("type") == "array":
+        return f"[{', '.join(each['type'] for each in schema.get('prefixItems', (schema.get('items'),)))}]"
+    return str(schema.get("type", ""))
 
 
 def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:

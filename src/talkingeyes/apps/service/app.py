@@ -81,9 +81,11 @@ class ServiceResources:
     formats: Mapping[str, str]  # export formats and their file suffixes
 
 
-def service_app(resources: ServiceResources, limits: Limits, folder: Path, host: str) -> FastAPI:
+def service_app(
+    resources: ServiceResources, limits: Limits, folder: Path, host: str, stream_origins: Sequence[str] = ()
+) -> FastAPI:
     """The application; `folder` must be empty and is used by the service alone."""
-    app = create_app(host)
+    app = create_app(host, stream_origins)
     result_cache, streams = ResultCache(folder, limits.max_results), StreamServer(resources.stream_workers, limits)
 
     @asynccontextmanager

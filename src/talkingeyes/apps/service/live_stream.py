@@ -1,9 +1,11 @@
 """A live stream over a WebSocket: sound from the client, rows of poses in return, in order.
 
-The client sends an animation request (JSON), then sound (binary messages: 16-bit PCM, 16 kHz, mono), then {"end":
-true}. The server sends fps, latency_s and columns, then binary messages: the index of the first frame (4 bytes) and its
-rows; at the end {"end": true, "frames": N}. A message is read after the one before was answered, so a client that sends
-too fast is slowed down (backpressure). Errors are sent as {"error": ...} before the socket is closed.
+The client sends a request (JSON), then sound (binary messages: 16-bit PCM, 16 kHz, mono) and perhaps {"set": {...}},
+which changes controls, then {"end": true}. The server sends fps, latency_s, format and columns, then the frames: binary
+messages with the index of the first frame (4 bytes) and its rows, or JSON (frame_encoding.py). It answers {"set": ...}
+with the first frame that is changed, and ends with {"end": true, "frames": N}. A message is read after the one before
+was answered, so a client that sends too fast is slowed down (backpressure). Errors are sent as {"error": ...} before
+the socket is closed.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from talkingeyes.apps.service.animation_request import AnimationRequest, Limits, PoseChunk
+from talkingeyes.apps.service.animation_request import Limits, PoseChunk, StreamChanges, StreamRequest
 from talkingeyes.apps.service.worker_pool import Worker, WorkerFailedError, WorkerPool
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core.containers import parse_json
@@ -74,9 +76,9 @@ class StreamServer:
             pass
 
     async def _stream(self, socket: WebSocket, worker: Worker) -> None:
-        animation_request = _animation_request(_content(await self._receive(socket)))
+        request = _stream_request(_content(await self._receive(socket)))
         key = secrets.token_hex(8)
-        begun = await worker.call(("open", key, animation_request), WORKER_TIMEOUT_S)
+        begun = await worker.call(("open", key, request), WORKER_TIMEOUT_S)
         try:
             await self._send(socket, json.dumps(begun))
             frames = await self._relay(socket, worker, key)
@@ -96,14 +98,17 @@ class StreamServer:
                 samples += _samples(sound)
                 if samples > self._limits.max_stream_s * SAMPLE_RATE:
                     raise StreamRefusedError(TOO_BIG, f"a stream should last at most {self._limits.max_stream_s:g} s")
-            elif _content(message) != {"end": True}:
-                raise StreamRefusedError(POLICY, 'a text message after the request should be {"end": true}')
+            elif (content := _content(message)) != {"end": True}:
+                changes = _stream_changes(content)
+                first = await worker.call(("set", key, changes), WORKER_TIMEOUT_S)
+                changed = changes.model_dump(exclude_unset=True)
+                await self._send(socket, json.dumps({"set": changed, "frame": first}))
+                continue
             pose_chunk: PoseChunk = await worker.call(
                 ("finish", key) if sound is None else ("push", key, sound), WORKER_TIMEOUT_S
             )
             if pose_chunk.count:
-                async with asyncio.timeout(self._limits.idle_timeout_s):
-                    await socket.send_bytes(pose_chunk.rows)
+                await self._send(socket, pose_chunk.rows)
             frames += pose_chunk.count
             if sound is None:
                 return frames
@@ -116,9 +121,9 @@ class StreamServer:
             raise WebSocketDisconnect(message.get("code", 1000))
         return message
 
-    async def _send(self, socket: WebSocket, text: str) -> None:
+    async def _send(self, socket: WebSocket, message: str | bytes) -> None:
         async with asyncio.timeout(self._limits.idle_timeout_s):
-            await socket.send_text(text)
+            await (socket.send_text(message) if isinstance(message, str) else socket.send_bytes(message))
 
 
 def _samples(sound: bytes) -> int:
@@ -137,10 +142,16 @@ def _content(message: Any) -> Any:
         return None
 
 
-def _animation_request(content: Any) -> AnimationRequest:
+def _stream_request(content: Any) -> StreamRequest:
     if not isinstance(content, dict):
         raise StreamRefusedError(POLICY, 'the first message should be a request, such as {"seed": 1}')
-    return validate_section("request", AnimationRequest, content)
+    return validate_section("request", StreamRequest, content)
+
+
+def _stream_changes(content: Any) -> StreamChanges:
+    if not isinstance(content, dict) or set(content) != {"set"} or not isinstance(content["set"], dict):
+        raise StreamRefusedError(POLICY, 'a text message after the request should be {"set": {...}} or {"end": true}')
+    return validate_section("set", StreamChanges, content["set"])
 
 
 async def _close(socket: WebSocket, code: int, reason: str) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import secrets
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
@@ -34,10 +34,11 @@ SECURITY_HEADERS = {
 }
 
 
-def create_app(host: str = LOCALHOST) -> FastAPI:
+def create_app(host: str = LOCALHOST, stream_origins: Sequence[str] = ()) -> FastAPI:
     """An application without pages that answers requests to `host` or this machine.
 
-    `app.state.access_token` is the token that requests must have, None on the loopback interface.
+    Pages of `stream_origins` (http://host:port) may open WebSockets, and nothing else. `app.state.access_token` is the
+    token that requests must have, None on the loopback interface.
     """
     from fastapi import FastAPI
     from starlette.middleware.trustedhost import TrustedHostMiddleware
@@ -46,10 +47,18 @@ def create_app(host: str = LOCALHOST) -> FastAPI:
     app.state.access_token = None if host in LOOPBACK_HOSTS else secrets.token_urlsafe(16)
     if app.state.access_token:
         app.add_middleware(AccessMiddleware, token=app.state.access_token)
-    app.add_middleware(SameOriginMiddleware)
+    for origin in stream_origins:
+        _check_origin(origin)
+    app.add_middleware(SameOriginMiddleware, stream_origins=tuple(stream_origins))
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=_host_names(host), www_redirect=False)
     app.add_middleware(SecurityHeadersMiddleware)
     return app
+
+
+def _check_origin(origin: str) -> None:
+    parts = urlsplit(origin)
+    if parts.scheme not in ("http", "https") or not parts.netloc or origin != f"{parts.scheme}://{parts.netloc}":
+        raise InputError(f"origin: should be as http://127.0.0.1:8000, without a path, got {origin!r}")
 
 
 def _host_names(host: str) -> list[str]:
@@ -85,15 +94,19 @@ class SecurityHeadersMiddleware:
 
 
 class SameOriginMiddleware:
-    """Rejects cross-origin requests, which pages of other sites could send through a visitor's browser."""
+    """Rejects cross-origin requests, which pages of other sites could send through a visitor's browser.
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
+    Pages of `stream_origins` may open WebSockets.
+    """
+
+    def __init__(self, app: ASGIApp, stream_origins: tuple[str, ...] = ()) -> None:
+        self.app, self.stream_origins = app, stream_origins
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         headers = dict(scope.get("headers", ()))
         origin, host = (headers.get(name, b"").decode("latin-1") for name in (b"origin", b"host"))
-        if origin and urlsplit(origin).netloc != host:
+        may_stream = scope["type"] == "websocket" and origin in self.stream_origins
+        if origin and urlsplit(origin).netloc != host and not may_stream:
             await _refuse(scope, receive, send, "origin: should be the server's own page")
         else:
             await self.app(scope, receive, send)

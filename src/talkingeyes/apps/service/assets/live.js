@@ -50,7 +50,8 @@ function wireControls(form) {
   form.oninput = numbers;
   form.onchange = ({ target }) => {
     form.intensity.disabled = form.emotion?.value === "neutral";
-    if (!["face", "keep", "rate"].includes(target.id)) perform();
+    if (recording) recording.set(changeable());
+    else if (!["face", "keep", "rate"].includes(target.id)) perform();
   };
   $("seek").oninput = () => ($("sound").currentTime = $("seek").value);
   $("view").onchange = ({ target }) => stage.look(target.value);
@@ -131,6 +132,12 @@ function requested() {
   if (form.person.value) asks.person = form.person.value;
   if (!$("own").checked) asks.eye_contact = Number(form.eye_contact.value);
   return asks;
+}
+
+// What can be changed while a recording runs.
+function changeable() {
+  const { head_liveliness, gaze_liveliness, eye_contact = null } = requested();
+  return { head_liveliness, gaze_liveliness, eye_contact };
 }
 
 // A new sound, from its beginning.

@@ -2,6 +2,7 @@
 //
 //   const recording = await openRecording(request, { begun, heard, ended, failed });
 //   recording.rows;    // rows of poses so far; `recording.began`, `fps`, `latency_s` say when each is due
+//   recording.set({ eye_contact: 0.8 });  // changes controls while it runs
 //   recording.stop();  // `ended(wav)` is called with the recording when the stream has ended
 //
 // `heard(samples)` is called for each chunk, a Float32Array.
@@ -35,7 +36,7 @@ export async function openRecording(request, { begun, heard, ended, failed }) {
     if (data instanceof ArrayBuffer) return arrived(live, data);
     const message = JSON.parse(data);
     if (message.error) broke(message.error);
-    else if (!message.end) {
+    else if (message.fps) {
       Object.assign(live, message);
       context.createMediaStreamSource(media).connect(node);
       begun(live);
@@ -52,6 +53,7 @@ export async function openRecording(request, { begun, heard, ended, failed }) {
     silence();
     ended(broken || !chunks.length ? null : wav(chunks));
   };
+  live.set = (changes) => socket.readyState === WebSocket.OPEN && socket.send(JSON.stringify({ set: changes }));
   live.stop = () => {
     node.port.onmessage = null;
     silence();
