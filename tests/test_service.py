@@ -10,6 +10,7 @@ import os
 import re
 import shutil
 import socket
+import struct
 import subprocess
 import sys
 import time
@@ -152,6 +153,65 @@ def json_stream(connection: ClientConnection, sound: np.ndarray) -> tuple[dict[s
         assert message["first"] == len(frames)
         frames += message["frames"]
     return about, frames
+
+
+def live_link_frame(packet: bytes, index: int, frame: dict[str, Any]) -> None:
+    """Check a packet of Live Link Face: version, id, subject, frame time and rate, 61 big-endian floats."""
+    length = struct.unpack("!i", packet[41:45])[0]
+    assert (struct.unpack("<i", packet[:4])[0], packet[45 : 45 + length]) == (6, b"TalkingEyes")
+    assert struct.unpack("!if2ib", packet[45 + length : 62 + length]) == (index, 0.0, 25, 1, 61)
+    values = np.array(struct.unpack("!61f", packet[62 + length :]))
+    np.testing.assert_allclose(values[:14], [frame["blendshapes"][name] for name in arkit.NAMES[:14]], atol=1e-6)
+    assert not values[14:52].any()
+    turned = Rotation.from_quat([frame[name] for name in ("head", "left_eye", "right_eye")])
+    signs = [-1.0, 1.0, 1.0]  # yaw is negative to the subject's left (docs/formats.md)
+    np.testing.assert_allclose(values[52:], (turned.as_euler("YXZ") * signs).ravel(), atol=1e-5)
+
+
+def osc_messages(packet: bytes) -> list[tuple[str, list[Any]]]:
+    """Address and values of each message of an OSC bundle (opensoundcontrol.org, OSC 1.0)."""
+
+    def string(data: bytes, at: int) -> tuple[str, int]:
+        end = data.index(b"\0", at)
+        return data[at:end].decode("ascii"), (end // 4 + 1) * 4
+
+    assert packet[:8] == b"#bundle\0" and packet[8:16] == bytes(7) + b"\1"
+    found, at = [], 16
+    while at < len(packet):
+        size = int.from_bytes(packet[at : at + 4], "big")
+        data, at = packet[at + 4 : at + 4 + size], at + 4 + size
+        assert size % 4 == 0
+        address, here = string(data, 0)
+        tags, here = string(data, here)
+        values: list[Any] = []
+        for tag in tags[1:]:
+            if tag == "s":
+                value, here = string(data, here)
+                values.append(value)
+            else:
+                values.append(struct.unpack_from(f">{tag}", data, here)[0])
+                here += 4
+        assert tags[0] == "," and here == size
+        found.append((address, values))
+    return found
+
+
+def vmc_frame(packet: bytes, index: int, frame: dict[str, Any]) -> None:
+    """Check a bundle of the Virtual Motion Capture protocol."""
+    messages = osc_messages(packet)
+    assert messages[0] == ("/VMC/Ext/OK", [1])
+    assert [address for address, _ in messages[-2:]] == ["/VMC/Ext/Blend/Apply", "/VMC/Ext/T"]
+    assert messages[-1][1] == [pytest.approx(index / 25)]
+    bones = {values[0]: values[1:] for address, values in messages if address == "/VMC/Ext/Bone/Pos"}
+    mirror = np.diag([-1.0, 1.0, 1.0])  # Unity's x is to the subject's right
+    for bone, name in (("Head", "head"), ("LeftEye", "left_eye"), ("RightEye", "right_eye")):
+        assert bones[bone][:3] == [0, 0, 0]
+        ours = mirror @ Rotation.from_quat(frame[name]).as_matrix() @ mirror
+        np.testing.assert_allclose(Rotation.from_quat(bones[bone][3:]).as_matrix(), ours, atol=2e-5)
+    weights = dict(values for address, values in messages if address == "/VMC/Ext/Blend/Val")
+    assert weights.pop("Blink_L") == pytest.approx(frame["blendshapes"]["eyeBlinkLeft"], abs=1e-6)
+    assert weights.pop("Blink_R") == pytest.approx(frame["blendshapes"]["eyeBlinkRight"], abs=1e-6)
+    assert weights == pytest.approx(frame["blendshapes"], abs=1e-6)
 
 
 def missed_deg(frame: dict[str, Any], target_m: np.ndarray) -> float:
@@ -349,6 +409,42 @@ class TestStreams:
             assert f"{int(SECONDS * 25)} received" in ended.stdout
         else:
             assert len((tmp_path / "a.poses.csv").read_text().splitlines()) == int(SECONDS * 25)
+
+    @pytest.mark.parametrize("sender", ["live_link_stream", "vmc_stream"])
+    def test_senders_of_the_recipes_pass_every_frame_on(
+        self, service: Service, repository: Path, tmp_path: Path, sender: str
+    ) -> None:
+        """UDP packets of a sender, decoded here from what is known of their layout, against a stream of JSON."""
+        sound, url = speech(SECONDS), f"{service.address.replace('http', 'ws')}stream"
+        soundfile.write(tmp_path / "a.wav", np.frombuffer(pcm(sound), "<i2"), SAMPLE_RATE)
+        (tmp_path / "changes").write_text('{"eye_contact": 1}\n{"head_liveliness": 2}\n')
+        with service.stream() as connection:
+            connection.send('{"seed": 3, "format": "json", "eye_contact": 1, "head_liveliness": 2}')
+            _, frames = json_stream(connection, sound)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+            receiver.bind(("127.0.0.1", 0))
+            receiver.settimeout(120)
+            options = ("--to", f"127.0.0.1:{receiver.getsockname()[1]}", "--stream", url, "--changes", "changes")
+            asked = '{"seed": 3, "eye_contact": 1, "head_liveliness": 2}'  # the changes repeat it
+            command = [sys.executable, str(repository / f"docs/recipes/{sender}.py"), "a.wav", *options]
+            process = subprocess.Popen([*command, "--request", asked], cwd=tmp_path)
+            packets = [receiver.recv(4096) for _ in frames]
+            assert process.wait(120) == 0
+        decode = live_link_frame if sender == "live_link_stream" else vmc_frame
+        for index, (packet, frame) in enumerate(zip(packets, frames, strict=True)):
+            decode(packet, index, frame)
+
+    def test_a_sender_stops_with_the_reason_of_the_service(
+        self, service: Service, repository: Path, tmp_path: Path
+    ) -> None:
+        soundfile.write(tmp_path / "a.wav", speech(0.5), SAMPLE_RATE, subtype="PCM_16")
+        url = f"{service.address.replace('http', 'ws')}stream"
+        command = [sys.executable, str(repository / "docs/recipes/vmc_stream.py"), "a.wav", "--stream", url]
+        ended = subprocess.run(
+            [*command, "--request", '{"target": "sun"}'], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert ended.returncode == 1
+        assert "RuntimeError: request.target: should be camera, listener, [x, y, z]" in ended.stderr.splitlines()[-1]
 
     def test_concurrent_streams_are_separate_and_limited(self, service: Service) -> None:
         with contextlib.ExitStack() as stack:

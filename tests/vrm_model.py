@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -56,9 +57,14 @@ def vrm_model(path: Path) -> Path:
             "expressions": {"preset": binds},
         }
     }
+    return write_content(path, content, read.binary)
+
+
+def write_content(path: Path, content: dict[str, Any], binary: bytes) -> Path:
+    """Write a GLB with a changed document."""
     text = json.dumps(content).encode()
     text += b" " * (-len(text) % 4)
-    size = 12 + 8 + len(text) + 8 + len(read.binary)
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(read.binary), b"BIN\0")
-    path.write_bytes(struct.pack("<4sII", b"glTF", 2, size) + chunks + read.binary)
+    size = 12 + 8 + len(text) + 8 + len(binary)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0")
+    path.write_bytes(struct.pack("<4sII", b"glTF", 2, size) + chunks + binary)
     return path

@@ -2,11 +2,12 @@
 //
 //   const stream = await openStream("ws://127.0.0.1:8030/stream", { seed: 1 }, (frame, row) => show(frame, row));
 //   stream.send(samples);         // as often as there is sound, up to 2 s at once
+//   stream.set({ eye_contact: 0.8, target: null });   // changes controls while it runs
 //   const frames = await stream.end();
 //
 // A row: translation of the root (3), quaternions x, y, z, w of neck, jaw, left eye, right eye (16), weights of the morph
-// targets of /head.glb. Runs in browsers (from the service's own page or another program, not from a page of another
-// origin) and in Node.js 22 or later.
+// targets of /head.glb. With { format: "json" } in the request, onFrame gets a frame as in docs/live.md. Runs in browsers (in
+// pages of the service, or of an origin that `serve --origin` names) and in Node.js 22 or later.
 
 export function openStream(url, request, onFrame) {
   return new Promise((resolve, reject) => {
@@ -28,10 +29,13 @@ export function openStream(url, request, onFrame) {
       }
       const message = JSON.parse(data);
       if (message.error) fail(message.error);
+      else if (message.frames && !message.end) message.frames.forEach((frame, at) => onFrame(message.first + at, frame));
+      else if (message.set) return;
       else if (message.end) ended?.resolve(message.frames);
       else {
-        about = message; // { fps, latency_s, columns }
-        resolve({ ...about, send: (samples) => socket.send(pcm(samples)), end });
+        about = message; // { fps, latency_s, format, columns }
+        const set = (changes) => socket.send(JSON.stringify({ set: changes }));
+        resolve({ ...about, send: (samples) => socket.send(pcm(samples)), set, end });
       }
     };
     function end() {
