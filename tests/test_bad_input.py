@@ -137,7 +137,7 @@ def test_bad_input_is_one_line_error_without_output(
     assert {path: path.stat().st_mtime_ns for path in place.rglob("*")} == before
 
 
-@pytest.mark.parametrize("format", ["flame", "livelink", "arkit", "glb", "vrm", "bvh", "motion"])
+@pytest.mark.parametrize("format", ["flame", "livelink", "arkit", "glb", "vrm", "bvh", "obj", "ply", "motion"])
 def test_damaged_files_are_read_or_one_line_errors(tmp_path: Path, format: str) -> None:
     """Truncated, or with some bytes changed."""
     good = tmp_path / f"good{'.npz' if format == 'motion' else convert.FORMATS[format].suffix}"

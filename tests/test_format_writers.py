@@ -12,6 +12,7 @@ import flame_file
 import numpy as np
 import pytest
 import toy_motions
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from talkingeyes.animation.line_of_sight import to_forward_axes
@@ -24,6 +25,7 @@ from talkingeyes.formats.writers.arkit import timecode
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
+from talkingeyes.rendering.shading import to_pixels
 from talkingeyes.workflows import convert
 from talkingeyes.workflows.render import render
 
@@ -274,6 +276,29 @@ def test_mp4_films_the_motion(tmp_path: Path) -> None:
         assert sum(1 for _ in container.decode(video=0)) == 5
 
 
+@pytest.mark.parametrize("format", ["obj", "ply"])
+def test_a_mesh_is_one_frame_and_read_back(made: Path, tmp_path: Path, vertices: np.ndarray, format: str) -> None:
+    head, frame = anny_head(), FRAMES[1]
+    convert.export(made / "anny.npz", tmp_path / f"a.{format}", frame=frame)
+    mesh = trimesh.load_mesh(tmp_path / f"a.{format}", process=False, maintain_order=True)
+    np.testing.assert_allclose(mesh.vertices, vertices[1], atol=1e-7)
+    np.testing.assert_array_equal(mesh.faces, head.faces)
+    np.testing.assert_array_equal(mesh.visual.vertex_colors[:, :3], to_pixels(head.colours))
+    assert [path.name for path in tmp_path.iterdir()] == [f"a.{format}"]
+    back, shown = read_motion(tmp_path / f"a.{format}", 25.0).motion, toy_motions.motion()
+    for field, tolerance in TOLERANCES["vocaset"].items():
+        np.testing.assert_allclose(getattr(back, field)[0], getattr(shown, field)[frame], atol=tolerance)
+
+
+def test_a_mesh_of_another_head_is_refused(tmp_path: Path) -> None:
+    trimesh.creation.box().export(tmp_path / "box.ply")
+    with pytest.raises(InputError, match=r"should be those of the open head \(T, 19512\), got \(1, 24\)"):
+        read_motion(tmp_path / "box.ply", 25.0)
+    (tmp_path / "empty.obj").write_text("# nothing\n")
+    with pytest.raises(InputError, match=r"empty\.obj"):
+        read_motion(tmp_path / "empty.obj", 25.0)
+
+
 TOLERANCES = {  # tolerances of the stored quantities, in radians, metres, closure and weight; the others are lost
     "flame": dict.fromkeys(("head", "gaze", "lid", "jaw", "translation", "expression"), 1e-6),
     "vhap": dict.fromkeys(("head", "gaze", "lid", "jaw", "translation", "expression"), 1e-6),
@@ -322,6 +347,7 @@ def test_any_frame_rate_is_read_back(tmp_path: Path, format: str, fps: float) ->
         ({"format": "flame"}, "should be your FLAME file, which maps the expression of anny to flame"),
         ({"format": "flame", "fps": 5.0}, "fps: should be 10 to 240, got 5"),
         ({"format": "vhap", "sound": "a.wav"}, "should be used with mp4 only"),
+        ({"format": "glb", "frame": 3}, "frame: should be used with obj and ply only, got glb"),
     ],
 )
 def test_bad_input_is_one_line_error_and_writes_nothing(

@@ -49,12 +49,13 @@ _MIDDLE = {
 _PAIRED = (*_FRONT, *_OUTLINE)
 _EYE_NAMES = tuple(f"{side}_eye_{point}" for side in SIDES for point in EYE_POINTS)
 LANDMARK_NAMES: tuple[str, ...] = (*_EYE_NAMES, *(f"{side}_{name}" for side in SIDES for name in _PAIRED), *_MIDDLE)
+IN_FRONT_M = 0.1  # distance of the origins of rays from the head
 EYE_LANDMARKS = np.arange(12).reshape(2, 6)  # indices into LANDMARK_NAMES: eye, then p1 to p6
 
 
 @dataclass(frozen=True)
 class SurfaceHits:
-    """Intersections of rays from the front with a surface: face (-1 if none) and barycentric weights."""
+    """Intersections of rays from the front with a surface: face (-1 if none) and barycentric weights (NaN if none)."""
 
     face: Int[ndarray, " N"]
     barycentric: Float[ndarray, "N 3"]
@@ -64,20 +65,15 @@ def cast_from_front(
     points: Float[ndarray, "N 2"], vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"]
 ) -> SurfaceHits:
     """The frontmost face at each (x, y)."""
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    ab, ac = (b - a)[:, :2], (c - a)[:, :2]
-    area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
-    seen = area > 1e-12  # facing forward
-    offset = points[:, None] - a[None, :, :2]
-    scale = np.where(seen, 1.0 / np.where(seen, area, 1.0), np.nan)
-    v = (offset[..., 0] * ac[:, 1] - offset[..., 1] * ac[:, 0]) * scale
-    w = (ab[:, 0] * offset[..., 1] - ab[:, 1] * offset[..., 0]) * scale
-    inside = (v >= -1e-9) & (w >= -1e-9) & (v + w <= 1 + 1e-9)
-    depth = a[:, 2] + np.nan_to_num(v) * (b - a)[:, 2] + np.nan_to_num(w) * (c - a)[:, 2]
-    face = np.where(inside, depth, -np.inf).argmax(axis=1)
-    rows = np.arange(len(points))
-    v, w = v[rows, face], w[rows, face]
-    return SurfaceHits(np.where(inside[rows, face], face, -1), np.stack([1 - v - w, v, w], axis=-1))
+    from trimesh import Trimesh
+    from trimesh.triangles import points_to_barycentric
+
+    mesh = Trimesh(vertices, faces, process=False)
+    ahead = np.column_stack([points, np.full(len(points), vertices[:, 2].max() + IN_FRONT_M)])
+    places, rays, found = mesh.ray.intersects_location(ahead, np.tile([0.0, 0.0, -1.0], (len(ahead), 1)), False)
+    face, barycentric = np.full(len(points), -1), np.full((len(points), 3), np.nan)
+    face[rays], barycentric[rays] = found, points_to_barycentric(mesh.triangles[found], places)
+    return SurfaceHits(face, barycentric)
 
 
 def find_landmarks(

@@ -106,12 +106,9 @@ def build_brow(
 
 def ambient_occlusion(vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"]) -> Float[ndarray, " V"]:
     """Cosine-weighted fraction of the hemisphere above each vertex without an occluder within 8 cm."""
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
+    from trimesh import Trimesh
 
     normals = vertex_normals(vertices[None], faces)[0]
-    scene = EmbreeScene()
-    TriangleMesh(scene, vertices.astype(np.float32), faces.astype(np.int32))
     index = np.arange(AMBIENT_RAYS) + 0.5
     cosine, turn = np.sqrt(1 - index / AMBIENT_RAYS), np.pi * (1 + 5**0.5) * index
     sine = np.sqrt(1 - cosine**2)
@@ -120,10 +117,12 @@ def ambient_occlusion(vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"
     tangent = np.cross(normals, helper)
     tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
     frame = np.stack([tangent, np.cross(normals, tangent), normals], axis=1)
-    rays = np.einsum("kj,vji->vki", local, frame).reshape(-1, 3).astype(np.float32)
-    starts = np.repeat(vertices + 3e-4 * normals, AMBIENT_RAYS, axis=0).astype(np.float32)
-    distance = scene.run(starts, rays, query="DISTANCE").reshape(len(vertices), AMBIENT_RAYS)
-    return np.asarray((distance > AMBIENT_REACH_M).mean(axis=1))
+    rays = np.einsum("kj,vji->vki", local, frame).reshape(-1, 3)
+    starts = np.repeat(vertices + 3e-4 * normals, AMBIENT_RAYS, axis=0)
+    places, hit, _ = Trimesh(vertices, faces, process=False).ray.intersects_location(starts, rays, multiple_hits=False)
+    seen = np.ones(len(rays), bool)
+    seen[hit] = np.linalg.norm(places - starts[hit], axis=1) > AMBIENT_REACH_M
+    return np.asarray(seen.reshape(len(vertices), AMBIENT_RAYS).mean(axis=1))
 
 
 def _spot(x: Float[ndarray, " V"], y: Float[ndarray, " V"], radius: float) -> Float[ndarray, " V"]:

@@ -47,14 +47,17 @@ FORMATS = {
     "vrm": Format(".vrma", "anny"),
     "usd": Format(".usda", "chosen"),
     "vocaset": Format(".npy", "chosen"),
+    "obj": Format(".obj", "chosen"),
+    "ply": Format(".ply", "chosen"),
     "bvh": Format(".bvh", "none"),
     "events": Format(".json", "none"),
     "mp4": Format(".mp4", "chosen"),
 }
 
 
+MESH_FORMATS = ("obj", "ply")  # of one frame
 ANIMATE_FORMATS = tuple(
-    name for name in FORMATS if name != "mp4"
+    name for name in FORMATS if name not in ("mp4", *MESH_FORMATS)
 )  # formats of `animate -f`, which writes videos anyway
 
 
@@ -77,6 +80,7 @@ def export(
     eyes: str = "visual",
     keys: Path | str | None = None,
     sound: Path | str | None = None,
+    frame: int | None = None,
     force: bool = False,
 ) -> Motion:
     """Write a motion (or that of a file) in another format; returns the motion.
@@ -84,7 +88,8 @@ def export(
     Without `format`, the suffix of `out` selects it, if only one format has this suffix. `head` and `model` are as for
     `render`; the model also maps expressions between the open head and FLAME. `fps` resamples the motion by its events;
     `keys` are its edited saccades and blinks. `eyes` says what the forward axes of the written eyes are: lines of sight
-    (`visual`, for avatars) or optical axes (`optical`, for comparison with photographs).
+    (`visual`, for avatars) or optical axes (`optical`, for comparison with photographs). `frame` is the frame of a mesh
+    (obj, ply), by default the first.
 
     Raises InputError (one line) for invalid arguments.
     """
@@ -93,6 +98,8 @@ def export(
         raise InputError(f"format: should be one of {', '.join(FORMATS)}, got {named!r}")
     if sound is not None and named != "mp4":
         raise InputError(f"sound: should be used with mp4 only, got {named}")
+    if frame is not None and named not in MESH_FORMATS:
+        raise InputError(f"frame: should be used with {' and '.join(MESH_FORMATS)} only, got {named}")
     check_forward_axis(eyes)
     output_path = _target(Path(out), FORMATS[named].suffix, force)
     shown, events = _motion_and_events(motion)
@@ -107,6 +114,8 @@ def export(
 
         events = detect_events(shown) if events is None else events
         shown = resample_motion(shown, events, fps)
+    if named in MESH_FORMATS:
+        shown = _single_frame(shown, frame or 0)
     if named == "mp4":
         return _film(shown, output_path, head, model, sound, eyes)
     try:
@@ -114,6 +123,12 @@ def export(
     except OSError as error:
         raise InputError(f"{out}: should be a file that can be written, got: {error.strerror or error}") from None
     return shown
+
+
+def _single_frame(motion: Motion, frame: int) -> Motion:
+    if not 0 <= frame < len(motion):
+        raise InputError(f"frame: should be 0 to {len(motion) - 1}, got {frame}")
+    return motion.cut(frame, frame + 1)
 
 
 def format_of(out: Path) -> str:
@@ -143,7 +158,7 @@ def write_motion(
     eyes: str = "visual",
 ) -> None:
     """Write a motion in a format other than mp4. `events` become its keys, if they are known."""
-    from talkingeyes.formats.writers import arkit, bvh, event_keys, flame_parameters, glb, usd, vertices, vrm
+    from talkingeyes.formats.writers import arkit, bvh, event_keys, flame_parameters, glb, mesh, usd, vertices, vrm
 
     expression = FORMATS[format].expression
     shown_on = head if expression == "chosen" else "anny"
@@ -160,6 +175,8 @@ def write_motion(
         "vrm": lambda: vrm.write_vrm(shown, path, eyes),
         "usd": lambda: usd.write_usd(shown, target_head, path, eyes),
         "vocaset": lambda: vertices.write_vertices(shown, target_head, path),
+        "obj": lambda: mesh.write_mesh(shown, target_head, path),
+        "ply": lambda: mesh.write_mesh(shown, target_head, path),
         "bvh": lambda: bvh.write_bvh(shown, target_head, path),
         "events": lambda: event_keys.write_keys(motion, path, events),
     }

@@ -2,7 +2,8 @@
 
 .npz  our Motion; VHAP, DiffPoseTalk, FLAME by names      .npy, .pt  EMOTE, ProbTalk3D, ARTalk, UniLS by width
 .csv, .csv.gz  Live Link Face, OpenFace, py-feat          .frame, or a folder of them  metrical-tracker
-.json  ARKit coefficients    .glb .vrma    .usd .usda .usdc    .bvh    .npy .npz by a key map (key_map.py)
+.json  ARKit coefficients    .glb .vrma    .usd .usda .usdc    .bvh    .obj .ply  the open head
+.npy .npz by a key map (key_map.py)
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ Reader = Callable[[Path, float | None], Motion]
 
 SUFFIXES = (
     *(".npz", ".npy", ".pt", ".pth", ".csv", ".csv.gz", ".frame", ".json", ".glb", ".vrma", ".usd", ".usda", ".usdc"),
-    ".bvh",
+    *(".bvh", ".obj", ".ply"),
 )
 MAX_RAD = {"gaze": 1.4, "head": 3.2, "jaw": 1.2}  # larger values are not radians
 LID_BOUNDS = (-1.5, 1.5)
@@ -116,7 +117,7 @@ def check_motion(path: Path, motion: Motion) -> list[str]:
 
 def _reader(path: Path) -> tuple[str, Reader]:
     """Format and reader of a file."""
-    from talkingeyes.formats.readers import arkit_json, bvh, flame_parameters, gltf, metrical, usd
+    from talkingeyes.formats.readers import arkit_json, bvh, flame_parameters, gltf, mesh, metrical, usd
 
     name = path.name.lower()
     if path.is_dir() or name.endswith(".frame"):
@@ -130,6 +131,7 @@ def _reader(path: Path) -> tuple[str, Reader]:
         ".npz": ("flame", _read_npz),
         **dict.fromkeys((".pt", ".pth"), ("flame array", flame_parameters.read_flame_array)),
         **dict.fromkeys((".glb", ".vrma"), ("gltf", gltf.read_gltf)),
+        **dict.fromkeys((".obj", ".ply"), ("mesh", mesh.read_mesh)),
         **dict.fromkeys((".usd", ".usda", ".usdc"), ("usd", usd.read_usd)),
     }
     if path.suffix.lower() not in by_suffix:
