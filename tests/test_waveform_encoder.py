@@ -10,16 +10,18 @@ import numpy as np
 import pytest
 import torch
 from test_training import NAMES, NORMALISER, translation
-from toy import recordings
+from toy import CHANNELS, recordings
 
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.audio.encoder_transformers import TransformersEncoder, TransformersSettings
 from talkingeyes.core.errors import InputError
-from talkingeyes.corpus.recordings import Recording
+from talkingeyes.corpus.recordings import Normaliser, Recording
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.models.waveform_encoder import WaveformEncoder, WaveformEncoderSettings
+from talkingeyes.orchestration.config import compose
 from talkingeyes.training import checkpoint
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
+from talkingeyes.training.gaze_tokenizer import GazeTokenizerSettings, GazeTokenizerTask
 from talkingeyes.training.loop import train
 from talkingeyes.training.motion_generators import load_generator, network_config, required_inputs
 from talkingeyes.training.motion_task import MotionTask, MotionTaskSettings
@@ -103,6 +105,50 @@ def test_frozen_part_is_unchanged_and_the_rest_trains(folder: Path, tmp_path: Pa
     np.testing.assert_allclose(again.generate(one.speech, [5], 25.0, told).gaze, direct.gaze.numpy(), atol=1e-5)
     with pytest.raises(InputError, match=r"^speech.waveform_encoder: .*got none$"):
         again.generate(one.speech, [5], 25.0)
+
+
+@pytest.fixture()
+def experiment() -> dict[str, Any]:
+    """The sections of experiment=wav2vec2_finetuning."""
+    return compose(["experiment=wav2vec2_finetuning"])
+
+
+@pytest.mark.parametrize("name", ["talkingeyes", "talkingeyes_literal", "talkingeyes_events"])
+def test_the_experiment_fine_tunes_every_model(
+    experiment: dict[str, Any], folder: Path, tmp_path: Path, name: str
+) -> None:
+    """The models of conf/, their codebooks included; only the checkpoint and the number of steps are replaced."""
+    frames = 210  # more than the windows of 200
+    clips = recordings(4, seed=1, frames=frames), recordings(1, seed=2, frames=frames)
+    node = experiment["model"][f"{name}_wav2vec2"]
+    assert node["speech"]["waveform_encoder"]["trainable_layers"] == 4
+    node["speech"]["waveform_encoder"] = waveform_encoder(folder).model_dump()
+    node["loop"] |= {"steps": 3, "validate_every": 3}
+    settings = MotionTaskSettings.model_validate(node | {"validation_clips": 1})
+    codebook = None
+    if settings.tokenizer is not None:
+        tokenizer = experiment["pretrain"][settings.tokenizer]
+        tokenizer["loop"] |= {"steps": 6, "validate_every": 6}
+        pretraining = GazeTokenizerTask(GazeTokenizerSettings.model_validate(tokenizer), *clips)
+        train(pretraining, pretraining.settings.loop, "codes")
+        codebook = pretraining.module.freeze()
+    channels = ("energy_dbfs", "f0_octaves", "voicing", "0", "1", "2")
+    normaliser = Normaliser(channels, np.zeros(CHANNELS, np.float32), np.ones(CHANNELS, np.float32))
+    task = MotionTask(settings, 0, *clips, normaliser, codebook, sounds(tmp_path, [*clips[0], *clips[1]]))
+    before = {key: each.clone() for key, each in task.module.state_dict().items()}
+    train(task, settings.loop, name)
+    moved = {key for key, each in task.module.state_dict().items() if not torch.equal(each, before[key])}
+    learnt = {key for key in moved if "waveform_encoder.network." in key}
+    assert learnt
+    assert all("encoder.layers.1." in key for key in learnt)
+    assert any(key.startswith("gaze.") for key in moved)
+    sound = task.conditioning_provider.clip_inputs(clips[1][0].clip, frames)
+    heard, silent = (
+        task.module.generate(torch.from_numpy(clips[1][0].speech), [5], None, replace(sound, sound=wave)).head
+        for wave in (sound.sound, torch.zeros_like(sound.sound))
+    )
+    assert torch.isfinite(heard).all()
+    assert not torch.equal(heard, silent)
 
 
 def test_windows_carry_their_own_sound(tmp_path: Path) -> None:
