@@ -23,6 +23,7 @@ from talkingeyes.formats import arkit
 from talkingeyes.formats.readers.read_motion import read_motion
 from talkingeyes.formats.writers.arkit import timecode
 from talkingeyes.head.anny import anny_head
+from talkingeyes.head.flame import load_flame
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.rendering.shading import to_pixels
@@ -391,3 +392,11 @@ def test_vhap_tracks_are_rendered_on_flame(made: Path, tmp_path: Path, flame: Pa
     render(tmp_path / "back.npz", tmp_path / "a.mp4", head="flame", model=flame, size=32)
     with av.open(str(tmp_path / "a.mp4")) as container:
         assert sum(1 for _ in container.decode(video=0)) == 3
+
+
+def test_a_mesh_of_flame_has_its_vertices(made: Path, tmp_path: Path, flame: Path) -> None:
+    shown = convert.export(made / "flame.npz", tmp_path / "a.ply", head="flame", model=flame, frame=FRAMES[1])
+    mesh, head = trimesh.load_mesh(tmp_path / "a.ply", process=False), load_flame(flame)
+    moved = to_forward_axes(shown, "visual")
+    np.testing.assert_allclose(mesh.vertices, posed_vertices(head, motion_to_pose(head, moved))[0], atol=1e-6)
+    np.testing.assert_array_equal(mesh.faces, head.faces)
