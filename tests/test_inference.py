@@ -51,7 +51,7 @@ def folder() -> Iterator[Path]:
 
 def embedding(frames: int) -> np.ndarray:
     """Speech features of the default's number of channels."""
-    return np.random.default_rng(0).normal(size=(frames, 291)).astype(np.float32)
+    return np.random.default_rng(0).normal(size=(frames, 296)).astype(np.float32)
 
 
 @pytest.mark.parametrize("seed", [0, 5, 2**31 + 1, 2**32 + 3])

@@ -55,7 +55,7 @@ def test_pack_lists_its_sources(place: Path) -> None:
     assert packed.models == ("toy",)
     assert json.loads(packed.files["toy/config.json"])["model"]["kind"] == "similar"
     assert set(packed.files) == {"toy/config.json", "toy/embedding.json", "toy/blinks.json", "toy/speakers.json"}
-    assert (packed.encoder["kind"], packed.encoder["channels"]) == ("logmel", 23)
+    assert (packed.encoder["kind"], packed.encoder["channels"]) == ("logmel", 28)
 
 
 def test_the_same_model_packs_into_the_same_bytes(place: Path, tmp_path: Path) -> None:

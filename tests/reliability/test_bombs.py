@@ -236,7 +236,7 @@ def test_deep_json_is_refused(tmp_path: Path, text: str) -> None:
 
 def test_deep_json_of_a_client_is_no_request() -> None:
     with pytest.raises(live_stream.StreamRefusedError, match="should be a request"):
-        live_stream._animation_request(live_stream._content({"text": DEEP_JSON}))
+        live_stream._stream_request(live_stream._content({"text": DEEP_JSON}))
 
 
 def test_messages_are_cut_and_cannot_be_seen_on_a_terminal() -> None:
