@@ -1,4 +1,4 @@
-"""Controls of a stream that change while it runs: target, eye contact and liveliness, in stream time."""
+"""Controls of a stream that change while it runs: target, eye contact, state and liveliness, in stream time."""
 
 from __future__ import annotations
 
@@ -13,13 +13,16 @@ from test_streaming import close, speech, streamed
 
 from talkingeyes.animation import line_of_sight
 from talkingeyes.animation.controls import Liveliness
+from talkingeyes.animation.conversation_states import State
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory
 from talkingeyes.animation.live_gaze import GazeDirection, LiveGaze
+from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL
 from talkingeyes.animation.steps.eye_contact import CONTACT_RAD, eye_contact_fraction
 from talkingeyes.animation.streaming import LiveControls, LiveModel, LiveStream, StreamFrames
 from talkingeyes.animation.targets import STRAIGHT_AHEAD
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
 from talkingeyes.physiology.saccades import sample_saccade
 
 FPS, WITHIN_S = 25.0, 0.2
@@ -113,6 +116,7 @@ def test_changes_do_not_depend_on_chunks(live: LiveModel) -> None:
     changes = {
         1.5: lambda each: each.change(Liveliness(head=2.0), GazeDirection(eye_contact=0.3)),
         3.0: lambda each: each.change(gaze=ASIDE),
+        3.8: lambda each: each.change(gaze=GazeDirection(state="thinking")),
         4.5: lambda each: each.change(gaze=GazeDirection(eye_contact=0.9)),
     }
     expected = changed_at(live, changes)
@@ -123,7 +127,7 @@ def test_changes_do_not_depend_on_chunks(live: LiveModel) -> None:
             np.testing.assert_array_equal(getattr(found[0], name), getattr(expected[0], name))
 
 
-@pytest.mark.parametrize("direction", [ASIDE, GazeDirection(eye_contact=0.4)])
+@pytest.mark.parametrize("direction", [ASIDE, GazeDirection(eye_contact=0.4), GazeDirection(state="thinking")])
 def test_a_directed_stream_is_what_the_whole_speech_gives(live: LiveModel, direction: GazeDirection) -> None:
     controls = LiveControls(gaze=direction)
     close(streamed(live, speech(), [640], 1, controls), live.generate_offline(speech(), 1, controls))
@@ -156,3 +160,129 @@ def test_without_direction_nothing_is_changed() -> None:
     found = LiveGaze(FPS, np.zeros(3), [0]).direct(own, GazeDirection())
     np.testing.assert_array_equal(found.head, own.head)
     np.testing.assert_array_equal(found.gaze_in_space_rad, own.gaze_in_space_rad)
+
+
+# The shares of the steps of files and their sources: animation/steps/states.py.
+SHARES: dict[State, float] = {"listening": 0.95, "thinking": 0.2, "idle": 0.6}
+LONGEST_FIXATION_S = 3.1  # of talkers, Lee, Badler & Badler 2002; as in test_conversation_states.py
+
+
+def share_of(head: Float[ndarray, "T 3"], space: Float[ndarray, "T 2 2"]) -> float:
+    return eye_contact_fraction(head, space, STRAIGHT_AHEAD.at(np.arange(len(head)) / FPS))
+
+
+def longest_fixation_s(space: Float[ndarray, "T 2 2"], least_deg: float) -> float:
+    """The longest time without a step of gaze between frames."""
+    steps = np.degrees(np.hypot(*np.diff(space.mean(axis=1), axis=0).T))
+    return float(np.diff([0, *np.flatnonzero(steps > least_deg), len(space)]).max() / FPS)
+
+
+@pytest.mark.parametrize("sound", [speech(66.0), np.zeros(66 * SAMPLE_RATE, np.float32)], ids=["speech", "silence"])
+@pytest.mark.parametrize("state", SHARES)
+def test_a_state_has_its_share_of_eye_contact_over_a_minute(state: State, sound: Float[ndarray, " N"]) -> None:
+    """The packaged model in a stream that changes from speaking after 5 s."""
+    stream = LiveModel.load(PACKAGED_LIVE_MODEL).stream(1, CALM)
+    parts = [stream.push(sound[: 5 * SAMPLE_RATE])]
+    start = stream.change(gaze=GazeDirection(state=state)) + WITHIN
+    parts += [stream.push(sound[at : at + SAMPLE_RATE]) for at in range(5 * SAMPLE_RATE, len(sound), SAMPLE_RATE)]
+    head, gaze = (np.concatenate([getattr(part, name) for part in parts]) for name in ("head", "gaze"))
+    minute = slice(start, start + round(60 * FPS))
+    head, space = head[minute], rotation.gaze_in_space(head, gaze)[minute]
+    assert len(head) == 60 * FPS
+    assert share_of(head, space) == pytest.approx(SHARES[state], abs=0.07)
+    assert longest_fixation_s(space, 0.2) < LONGEST_FIXATION_S
+    speed = np.degrees(np.linalg.norm(np.diff(head, axis=0), axis=1)) * FPS
+    assert np.convolve(speed < 0.2, np.ones(int(FPS)), "valid").max() < FPS  # the head never rests for a second
+
+
+def test_a_state_takes_effect_within_200_ms_and_ends(live: LiveModel) -> None:
+    changes = {
+        1.5: lambda each: each.change(gaze=GazeDirection(eye_contact=0.0)),
+        2.5: lambda each: each.change(gaze=GazeDirection(state="listening")),
+        3.5: lambda each: each.change(gaze=GazeDirection(state="thinking")),
+        4.5: lambda each: each.change(gaze=GazeDirection(state="speaking")),
+    }
+    found, (_, listens, thinks, speaks) = changed_at(live, changes)
+    plain, _ = changed_at(live, {})
+    before, _ = changed_at(live, dict(list(changes.items())[:1]))
+    for name in ("head", "gaze", "lid"):  # what was given before is not changed
+        np.testing.assert_array_equal(getattr(found, name)[:listens], getattr(before, name)[:listens])
+    spaces = [rotation.gaze_in_space(each.head, each.gaze) for each in (found, plain)]
+    listener = line_of_sight.point_direction_rad(found.head, STRAIGHT_AHEAD.at(np.arange(len(found)) / FPS))
+    away = np.hypot(*(line_of_sight.cyclopean_line_of_sight_rad(spaces[0]) - listener).T)
+    assert away[listens - 1] > CONTACT_RAD
+    assert away[listens + WITHIN - 1 : listens + 2 * WITHIN].max() < CONTACT_RAD
+    assert away[thinks + WITHIN - 1] > CONTACT_RAD
+    np.testing.assert_allclose(*(each[speaks + WITHIN :].mean(axis=1) for each in spaces), atol=1e-5)
+    np.testing.assert_allclose(found.head[speaks + 25 :], plain.head[speaks + 25 :], atol=1e-6)
+
+
+def test_while_thinking_the_head_moves_half_as_much_and_a_target_precedes(live: LiveModel) -> None:
+    """With the same target, the only difference is the head."""
+    direction = GazeDirection(target_m=ASIDE.target_m, state="thinking")
+    changes = {2.0: lambda each: each.change(gaze=ASIDE), 4.0: lambda each: each.change(gaze=direction)}
+    found, (_, thinks) = changed_at(live, changes)
+    other, _ = changed_at(live, dict(list(changes.items())[:1]))
+    plain, _ = changed_at(live, {})
+    np.testing.assert_array_equal(found.head[:thinks], other.head[:thinks])
+    start = thinks + WITHIN - 1
+    np.testing.assert_allclose(
+        (other.head - found.head)[start:], 0.5 * (plain.head - live.mean_head)[start:], atol=1e-12
+    )
+    assert np.abs(plain.head - live.mean_head)[start:].max() > 0.02
+    assert missed_deg(found, direction)[thinks:].max() < 0.01
+
+
+@pytest.mark.parametrize("state", SHARES)
+def test_eye_contact_that_was_set_precedes_a_state(state: State) -> None:
+    for fraction in (0.0, 0.5, 1.0):
+        directions = [GazeDirection(eye_contact=fraction, state=each) for each in (state, None)]
+        shares = []
+        for direction in directions:
+            found = LiveGaze(FPS, np.zeros(3), [0]).direct(person(0, 60.0), direction)
+            shares.append(share_of(found.head, found.gaze_in_space_rad))
+        assert shares == pytest.approx([fraction, fraction], abs=0.07)
+
+
+@pytest.mark.parametrize("away_deg", [0.0, 10.0])
+@pytest.mark.parametrize("state", SHARES)
+def test_a_motionless_model_does_not_freeze_outside_speech(state: State, away_deg: float) -> None:
+    still = np.zeros((round(60 * FPS), 2, 2)) + line_of_sight.MEAN_KAPPA_RAD + [np.radians(away_deg), 0.0]
+    own = GazeTrajectory(FPS, np.zeros((len(still), 3)), still, ())
+
+    def directed(state: State, liveliness: float = 1.0) -> Float[ndarray, "T 2 2"]:
+        return LiveGaze(FPS, np.zeros(3), [3]).direct(own, GazeDirection(state=state), liveliness).gaze_in_space_rad
+
+    found = directed(state)
+    assert longest_fixation_s(found, 0.02) < LONGEST_FIXATION_S
+    assert share_of(own.head, found) == pytest.approx(SHARES[state], abs=0.07)
+    assert longest_fixation_s(directed("speaking"), 0.02) == 60.0
+    scans = [
+        np.count_nonzero(np.hypot(*np.diff(each.mean(axis=1), axis=0).T) > 1e-4)
+        for each in (found, directed(state, 0.0))
+    ]
+    assert scans[1] < scans[0]
+
+
+def test_thinking_looks_up_or_aside_more_than_down() -> None:
+    away = []
+    for seed in range(6):
+        found = LiveGaze(FPS, np.zeros(3), [seed]).direct(person(seed, 60.0), GazeDirection(state="thinking"))
+        away.append(np.degrees(line_of_sight.cyclopean_line_of_sight_rad(found.gaze_in_space_rad)))
+    gaze = np.concatenate(away)
+    gaze = gaze[np.hypot(*gaze.T) > 5.0]
+    assert ((gaze[:, 1] < 0) & (np.abs(gaze[:, 1]) > np.abs(gaze[:, 0]))).mean() < 0.4  # Andrist et al. 2013: 0.29
+
+
+def test_frames_do_not_depend_on_later_ones() -> None:
+    own = person(1, 20.0)
+    half = GazeTrajectory(FPS, own.head[:250], own.gaze_in_space_rad[:250], ())
+    for direction in (GazeDirection(state="idle"), GazeDirection(eye_contact=0.5)):
+        found = [LiveGaze(FPS, np.zeros(3), [0]).direct(each, direction) for each in (own, half)]
+        np.testing.assert_array_equal(found[0].gaze_in_space_rad[:250], found[1].gaze_in_space_rad)
+        np.testing.assert_array_equal(found[0].head[:250], found[1].head)
+
+
+def test_an_unknown_state_is_refused_in_one_line() -> None:
+    with pytest.raises(InputError, match=r"^state: should be one of speaking, listening, thinking, idle, got asleep$"):
+        GazeDirection(state="asleep")

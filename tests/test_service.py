@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import html
 import io
+import itertools
 import json
 import os
 import re
@@ -378,6 +379,29 @@ class TestStreams:
         assert missed[0] > 5.0
         assert max(missed[1:]) < 1.0
 
+    def test_the_state_is_of_the_request_and_changes(self, service: Service) -> None:
+        sound, half = speech(2 * SECONDS), int(SECONDS * SAMPLE_RATE)
+        found = []
+        for changes in ([], [{"state": "thinking"}], [{"state": "thinking"}, {"state": None}]):
+            frames = []
+            with service.stream() as connection:
+                connection.send('{"seed": 5, "format": "json", "state": "listening"}')
+                connection.recv(120)
+                connection.send(pcm(sound[:half]))
+                frames += json.loads(connection.recv(120))["frames"]
+                for change in changes:
+                    connection.send(json.dumps({"set": change}))
+                    assert json.loads(connection.recv(120)) == {"set": change, "frame": len(frames)}
+                connection.send(pcm(sound[half:]))
+                connection.send('{"end": true}')
+                named = len(frames)
+                while "end" not in (message := json.loads(connection.recv(120))):
+                    frames += message["frames"]
+            found.append(np.array([each["head"] + each["look_deg"] for each in frames]))
+        for each, other in itertools.combinations(found, 2):
+            np.testing.assert_array_equal(each[:named], other[:named])
+            assert np.abs(each[named:] - other[named:]).max() > 0.1
+
     @pytest.mark.parametrize("client", ["python", "javascript"])
     def test_the_clients_of_the_recipes_receive_every_frame(
         self, service: Service, repository: Path, tmp_path: Path, client: str
@@ -485,6 +509,14 @@ class TestStreams:
             (["{}", '{"set": {}, "end": true}'], "after the request"),
             (["{}", '{"set": {"seed": 2}}'], "set.seed: Extra inputs are not permitted, got 2"),
             (["{}", '{"set": {"eye_contact": 2}}'], "set.eye_contact: Input should be less than or equal to 1, got 2"),
+            (
+                ["{}", '{"set": {"state": "asleep"}}'],
+                "set.state: Input should be 'speaking', 'listening', 'thinking' or",
+            ),
+            (
+                ['{"state": "asleep"}'],
+                "request.state: Input should be 'speaking', 'listening', 'thinking' or 'idle', got",
+            ),
             (["{}", '{"set": {"head_liveliness": null}}'], "set.head_liveliness: Input should be a valid number"),
             (
                 ["{}", '{"set": {"target": "sun"}}'],
@@ -502,10 +534,11 @@ class TestStreams:
                 for message in messages:
                     connection.send(message)
             told = []
-            with pytest.raises(ConnectionClosed):
+            with pytest.raises(ConnectionClosed, match="1009" if "at most" in reason else "1008"):
                 while True:
                     told.append(connection.recv(120))
         assert reason in json.loads(told[-1])["error"]
+        assert "\n" not in json.loads(told[-1])["error"]
 
     def test_oversized_message_ends_the_stream(self, service: Service) -> None:
         with service.stream() as connection, pytest.raises(ConnectionClosed, match="1009"):
@@ -823,6 +856,7 @@ class TestPage:
             browser.value("document.getElementById('record').click()")
             browser.wait_for("document.body.dataset.state === 'live'")
             browser.wait_for("document.getElementById('level').value > -45")
+            browser.value("(state.value = 'thinking', state.dispatchEvent(new Event('change')))")
             browser.wait_for("Number(document.body.dataset.frames) > 25")
             browser.value("document.getElementById('record').click()")
             browser.wait_for(PLAYING)

@@ -1,4 +1,4 @@
-"""Eye contact and a target in a stream: gaze and head are directed frame by frame, without later frames.
+"""Eye contact, a state and a target in a stream: gaze and head are directed frame by frame, without later frames.
 
 What gaze goes to is the model's own gaze, a target, or a fixation of the model that eye contact has moved. When that
 changes, gaze makes one saccade of the main sequence to it and then follows; vergence has a time constant of 0.2 s, and
@@ -6,8 +6,12 @@ the head takes its part with minimum jerk, as in files (`steps/target_following.
 
 Eye contact: a file ranks its fixations by their distance from the listener. A stream knows only the fixations so far,
 so a new one is contact if it is nearer than the quantile `eye_contact` of the distances in the last minute, of which
-the first are assumed. A saccade of the model is held back until it has landed, one to three frames, and is then made to
-where the fixation has been moved.
+the first are assumed; contact that was missed so far raises the quantile. A saccade of the model is held back until it
+has landed, one to three frames, and is then made to where the fixation has been moved.
+
+A state (`steps/states.py` has the figures) is a share of eye contact with a cause of aversions, and scanning saccades
+in long fixations; a fixation that outlasts an aversion is decided anew. The head moves less while thinking, which is a
+factor on its liveliness (`streaming.py`).
 """
 
 from __future__ import annotations
@@ -20,18 +24,33 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.animation import line_of_sight
+from talkingeyes.animation.conversation_states import STATES
 from talkingeyes.animation.gaze_trajectory import MIN_STEP_RAD, GazeTrajectory, main_sequence_saccade
 from talkingeyes.animation.steps import eye_contact as contact
+from talkingeyes.animation.steps.states import (
+    AVERTING,
+    LISTENING_CONTACT,
+    LONG_FIXATION_S,
+    MIN_SCAN_S,
+    SCAN_STREAM,
+    THINKING_HEAD,
+    sample_scans_rad,
+)
 from talkingeyes.animation.steps.target_following import HEAD_LAG_S, target_head_contribution_rad
 from talkingeyes.animation.targets import STRAIGHT_AHEAD
 from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import HeadMovement, Saccade
 from talkingeyes.physiology import eye_head, saccades
 from talkingeyes.physiology.vergence import TIME_CONSTANT_S
+from talkingeyes.synthesis.gaze_aversion import AversionCause
+from talkingeyes.synthesis.gaze_shifts import SCAN_MEDIAN_S, SCAN_SPREAD
 
 SACCADE_RAD_S = float(np.radians(25.0))  # faster gaze of the model is a saccade
 MAX_HELD_FRAMES = 5
 HISTORY_S = 60.0
+BALANCE_S = 5.0  # missed contact of this length raises the quantile by 1
+MAX_SCAN_S = 2.5  # a scan comes at the latest then; talkers dwell for 3.1 s in the mean (Lee et al. 2002)
 # Distances assumed before any were seen: those of a normal distribution about the partner, as of ten seconds.
 PRIOR_RAD = np.radians(6.0) * np.sqrt(-2.0 * np.log(1.0 - (np.arange(250) + 0.5) / 250))
 
@@ -41,15 +60,50 @@ MODEL: Key = ("model",)
 
 @dataclass(frozen=True)
 class GazeDirection:
-    """What directs gaze: the share of time at the listener, or a target in metres, which has precedence."""
+    """What directs gaze: a state, the share of time at the listener, a target in metres; each precedes those before.
+
+    Raises InputError for an unknown state.
+    """
 
     eye_contact: float | None = None
     target_m: tuple[float, float, float] | None = None
+    state: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.state is not None and self.state not in STATES:
+            raise InputError(f"state: should be one of {', '.join(STATES)}, got {self.state}")
+
+    @property
+    def contact(self) -> Contact | None:
+        """Eye contact as it was set, or that of the state."""
+        if self.eye_contact is not None:
+            return Contact(self.eye_contact)
+        if self.state == "listening":
+            return Contact(LISTENING_CONTACT)
+        return next((Contact(*rule[:2]) for state, rule in AVERTING.items() if state == self.state), None)
+
+    @property
+    def scans(self) -> bool:
+        """Whether long fixations get scanning saccades."""
+        return self.state not in (None, "speaking")
+
+    @property
+    def head_gain(self) -> float:
+        """Factor on the motion of the head."""
+        return THINKING_HEAD if self.state == "thinking" else 1.0
 
     @property
     def is_free(self) -> bool:
         """Whether gaze is the model's own."""
-        return self.eye_contact is None and self.target_m is None
+        return self.contact is None and self.target_m is None
+
+
+@dataclass(frozen=True)
+class Contact:
+    """The share of time at the listener, and why gaze is averted else."""
+
+    share: float
+    cause: AversionCause = "intimacy"
 
 
 @dataclass(frozen=True)
@@ -83,16 +137,22 @@ class LiveGaze:
         self._shown_rad, self._half_vergence_rad, self._goal_rad = np.zeros(2), np.zeros(2), np.zeros((2, 2))
         self._held_frames = 0
         self._fixation, self._correction_rad = 0, np.zeros(2)
-        self._away_rad, self._away_until_s = np.zeros(2), -np.inf
+        self._sight_rad, self._missed_s = np.zeros(2), 0.0  # from the listener; contact that was missed
+        self._away_rad, self._away_until_s, self._cause = np.zeros(2), -np.inf, ""
+        self._scan_gain, self._scan_rng = 1.0, np.random.default_rng([*seeds, SCAN_STREAM])
+        self._scan_rad, self._scans, self._scan_s, self._decided_s = np.zeros(2), 0, np.inf, -np.inf
         self._head_rad, self._head_goal_rad = np.zeros(2), np.zeros(2)  # what completed movements added, and the goal
         self._moves: list[HeadMovement] = []
 
-    def direct(self, trajectory: GazeTrajectory, direction: GazeDirection) -> GazeTrajectory:
-        """The next frames, directed; they are unchanged while nothing directs gaze or did shortly before."""
-        offsets = self._offsets(trajectory)
-        self._distances.extend(np.hypot(*offsets.T).tolist())
+    def direct(self, trajectory: GazeTrajectory, direction: GazeDirection, liveliness: float = 1.0) -> GazeTrajectory:
+        """The next frames, directed; they are unchanged while nothing directs gaze or did shortly before.
+
+        `liveliness` of gaze scales scanning saccades.
+        """
+        offsets, self._scan_gain = self._offsets(trajectory), liveliness
         head, space = trajectory.head.copy(), trajectory.gaze_in_space_rad.copy()
         for frame, offset in enumerate(offsets):
+            self._distances.append(float(np.hypot(*offset)))
             head[frame], space[frame] = self._directed(head[frame], space[frame], offset, direction)
         return replace(trajectory, head=head, gaze_in_space_rad=space)
 
@@ -127,6 +187,7 @@ class LiveGaze:
                 self._shift = _Shift(jump, self._half_vergence_rad)
             space_rad, self._goal_rad = self._shifted(goal_rad, time_s), goal_rad
         self._shown_rad, self._half_vergence_rad = space_rad.mean(axis=0), (space_rad[0] - space_rad[1]) / 2.0
+        self._sight_rad = offset_rad + self._shown_rad - own_rad
         return head, space_rad
 
     def _landed(self, own_rad: Float[ndarray, " 2"]) -> bool:
@@ -144,28 +205,54 @@ class LiveGaze:
         if direction.target_m is not None:
             points = np.array([direction.target_m])
             return _Plan(("target", direction.target_m), target_head_contribution_rad(points, self._pointing_rad)[0])
-        if direction.eye_contact is None:
+        wanted = direction.contact
+        if wanted is None:
             return _Plan(MODEL, np.zeros(2))
-        if not landed and self._key[:2] == ("contact", direction.eye_contact):
+        self._count_missed(wanted)
+        if not landed and self._key[:1] == (wanted,):
             return _Plan(self._key, self._head_goal_rad, waits=True)
-        key = ("contact", direction.eye_contact, self._fixation)
-        if key != self._key:
-            self._correction_rad = self._correction(offset_rad, direction.eye_contact, time_s)
+        is_new = self._key[:2] != (wanted, self._fixation)
+        scans = not is_new and direction.scans and time_s >= self._scan_s
+        if is_new or scans:
+            self._scan(scans, time_s)
+        if is_new or (scans and time_s >= self._decided_s + contact.AVERSION_S):
+            self._correction_rad, self._decided_s = self._correction(offset_rad, wanted, time_s), time_s
         level = eye_head.head_contribution(self._correction_rad, contact.HEAD_THRESHOLD_RAD, contact.HEAD_GAIN)
-        return _Plan(key, level)
+        return _Plan((wanted, self._fixation, self._scans), level)
 
-    def _correction(self, offset_rad: Float[ndarray, " 2"], fraction: float, time_s: float) -> Float[ndarray, " 2"]:
+    def _count_missed(self, wanted: Contact) -> None:
+        """Add what the last frame missed of eye contact, since it was last changed."""
+        in_contact = np.hypot(*self._sight_rad) < contact.CONTACT_RAD
+        self._missed_s += (wanted.share - in_contact) / self._fps
+        if self._key[:1] != (wanted,):
+            self._missed_s = 0.0
+
+    def _scan(self, scans: bool, time_s: float) -> None:
+        """Begin a fixation, or scan within it, and say when the next scan is due."""
+        dwell_s = SCAN_MEDIAN_S * self._scan_rng.lognormal(0.0, SCAN_SPREAD)
+        self._scan_s = time_s + float(np.clip(dwell_s, MIN_SCAN_S if scans else LONG_FIXATION_S, MAX_SCAN_S))
+        self._scan_rad = self._scan_gain * sample_scans_rad(self._scan_rng, 1)[0] if scans else np.zeros(2)
+        self._scans += scans
+
+    def _is_near(self, near: float, share: float) -> bool:
+        """Whether a share of the distances in the last minute is greater; equal distances are in random order."""
+        distances = np.array(self._distances)
+        rank = np.mean(distances < near) + self._rng.random() * np.mean(distances == near)
+        return bool(rank < share)
+
+    def _correction(self, offset_rad: Float[ndarray, " 2"], wanted: Contact, time_s: float) -> Float[ndarray, " 2"]:
         """What is added to a fixation of the model, so that it is contact or averted."""
         near = float(np.hypot(*offset_rad))
-        if fraction == 1.0 or (fraction > 0.0 and near < np.quantile(self._distances, fraction)):
+        if self._is_near(near, float(np.clip(wanted.share + self._missed_s / BALANCE_S, 0.0, 1.0))):
             self._away_until_s = -np.inf
             if near <= contact.NEAR_RAD:
                 return np.zeros(2)
             return np.asarray(contact.sample_within_face_rad(self._rng) - offset_rad)
         if near >= contact.FAR_RAD:
             return np.zeros(2)
-        if time_s > self._away_until_s:
-            self._away_rad, self._away_until_s = contact.sample_aversion_rad(self._rng), time_s + contact.AVERSION_S
+        if time_s > self._away_until_s or wanted.cause != self._cause:
+            self._away_rad = contact.sample_aversion_rad(self._rng, wanted.cause)
+            self._away_until_s, self._cause = time_s + contact.AVERSION_S, wanted.cause
         # Scanning within the face becomes scanning about the new location, unless that would lead back to the face.
         back = np.hypot(*(self._away_rad + offset_rad)) < contact.FAR_RAD
         return np.asarray(self._away_rad - offset_rad if back else self._away_rad)
@@ -191,7 +278,7 @@ class LiveGaze:
         if direction.target_m is not None:
             points = np.array([direction.target_m])
             return np.asarray(line_of_sight.optical_axes_rad(head[None], points, "world")[0])
-        return space_rad if direction.eye_contact is None else space_rad + self._correction_rad
+        return space_rad if direction.contact is None else space_rad + self._correction_rad + self._scan_rad
 
     def _shifted(self, goal_rad: Float[ndarray, "2 2"], time_s: float) -> Float[ndarray, "2 2"]:
         """Gaze of both eyes: in the shift to the goal, or at it."""

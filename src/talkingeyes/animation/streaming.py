@@ -3,8 +3,8 @@
 The frame at time t is given as soon as the sound up to t + `latency_s` has come (0.237 s with `talkingeyes_live`: 37 ms
 for prosody, 160 ms lookahead of its speech layers, 40 ms for the rest of a bin of gaze). The frames do not depend on
 how the sound is cut into chunks; they equal `LiveModel.generate_offline` (docs/live.md). Only the steps of
-`pipeline.CAUSAL_STEPS` apply, then eye contact and a target (`live_gaze.py`). Controls can be changed while the stream
-runs. Jaw and expression are neutral: no face model can be streamed yet.
+`pipeline.CAUSAL_STEPS` apply, then a state, eye contact and a target (`live_gaze.py`). Controls can be changed while
+the stream runs. Jaw and expression are neutral: no face model can be streamed yet.
 """
 
 from __future__ import annotations
@@ -64,11 +64,16 @@ class StreamFrames:
 
 @dataclass(frozen=True)
 class LiveControls:
-    """Controls of a stream: blink profile, liveliness (`animation/controls.py`), eye contact and target."""
+    """Controls of a stream: blink profile, liveliness (`animation/controls.py`), eye contact, target and state."""
 
     blinks: str = "physiological"
     liveliness: Liveliness = field(default_factory=Liveliness)
     gaze: GazeDirection = field(default_factory=GazeDirection)
+
+    @property
+    def state_liveliness(self) -> Liveliness:
+        """Liveliness with that of the head in the state."""
+        return replace(self.liveliness, head=self.gaze.head_gain * self.liveliness.head)
 
 
 DEFAULT_LIVE_CONTROLS = LiveControls()
@@ -128,8 +133,10 @@ class LiveModel:
         """The frames of a stream, computed from the whole sound at once."""
         features = StreamingProsody(self.embedding, self.fps).process_offline(sound)
         (own_seed,) = sample_seeds(seed, 1)
-        trajectory = self.apply_steps(self.network.generate(self.embed(features), [own_seed]), controls.liveliness)
-        trajectory = self.live_gaze(seed).direct(trajectory, controls.gaze)
+        trajectory = self.apply_steps(
+            self.network.generate(self.embed(features), [own_seed]), controls.state_liveliness
+        )
+        trajectory = self.live_gaze(seed).direct(trajectory, controls.gaze, controls.liveliness.gaze)
         sampled_blinks = self.sample_hour_of_blinks(seed, controls)
         closure = blinks.blink_closure(sampled_blinks, trajectory.times_s)
         space = hold_frames(trajectory.gaze_in_space_rad, closure >= SHUT_CLOSURE)
@@ -183,7 +190,7 @@ class LiveStream:
     """The state of one stream; sound that no later frame needs is dropped, so memory does not grow."""
 
     def __init__(self, model: LiveModel, seed: int, controls: LiveControls) -> None:
-        self._model, self._controls, self._before = model, controls, controls.liveliness
+        self._model, self._controls, self._before = model, controls, controls.state_liveliness
         self._changed_frame = -math.inf  # when liveliness was changed
         self._gaze = model.live_gaze(seed)
         self._blinks = deque(model.sample_hour_of_blinks(seed, controls))
@@ -217,11 +224,10 @@ class LiveStream:
 
         The liveliness of head and gaze takes effect over 0.2 s. Blinks stay as they were sampled.
         """
-        if liveliness is not None and liveliness != self._controls.liveliness:
-            self._before, self._changed_frame = self._liveliness(self._frames - 1), self._frames
-            self._controls = replace(self._controls, liveliness=liveliness)
-        if gaze is not None:
-            self._controls = replace(self._controls, gaze=gaze)
+        before, old = self._liveliness(self._frames - 1), self._controls
+        self._controls = replace(old, liveliness=liveliness or old.liveliness, gaze=gaze or old.gaze)
+        if self._controls.state_liveliness != old.state_liveliness:
+            self._before, self._changed_frame = before, self._frames
         return self._frames
 
     def finish(self) -> StreamFrames:
@@ -238,7 +244,8 @@ class LiveStream:
         parts = [part for part in parts if part.head.shape[1]]
         if not parts:
             return StreamFrames(self._frames, np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros((0, 2)))
-        trajectory = self._gaze.direct(self._apply_steps(concat_motions(parts)), self._controls.gaze)
+        trajectory = self._apply_steps(concat_motions(parts))
+        trajectory = self._gaze.direct(trajectory, self._controls.gaze, self._controls.liveliness.gaze)
         first = self._frames
         self._frames += len(trajectory.head)
         closure = self._closure(np.arange(first, self._frames) / self._model.fps)
@@ -251,7 +258,7 @@ class LiveStream:
         """Apply the causal steps; frame by frame while a changed liveliness takes effect."""
         frames = generated.head.shape[1]
         if self._frames - self._changed_frame > RAMP_S * self._model.fps:
-            return self._model.apply_steps(generated, self._controls.liveliness)
+            return self._model.apply_steps(generated, self._controls.state_liveliness)
         parts = [
             self._model.apply_steps(
                 GeneratedMotion(generated.head[:, frame : frame + 1], generated.gaze[:, frame : frame + 1]),
@@ -267,7 +274,7 @@ class LiveStream:
     def _liveliness(self, frame: int) -> Liveliness:
         """Liveliness at a frame: the last change takes effect with minimum jerk."""
         done = float(eye_head.minimum_jerk(np.array((frame - self._changed_frame + 1) / (RAMP_S * self._model.fps))))
-        before, after = self._before, self._controls.liveliness
+        before, after = self._before, self._controls.state_liveliness
         head, gaze = (
             (1.0 - done) * old + done * new for old, new in ((before.head, after.head), (before.gaze, after.gaze))
         )

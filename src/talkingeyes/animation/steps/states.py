@@ -18,6 +18,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 from scipy.ndimage import gaussian_filter1d
 
 from talkingeyes.animation.context import AnimationContext
@@ -84,5 +86,10 @@ def scan_long_fixations(trajectory: GazeTrajectory, context: AnimationContext) -
     new = split_fixations(trajectory, onsets)
     added = np.isin([each.onset_s for each in new.saccades], onsets)
     offsets = np.zeros((len(new.saccades) + 1, 2))
-    offsets[1:][added] = gain * np.clip(0.5 * SCAN_RAD * rng.standard_normal((len(onsets), 2)), -SCAN_RAD, SCAN_RAD)
+    offsets[1:][added] = gain * sample_scans_rad(rng, len(onsets))
     return shift_fixations(new, offsets)
+
+
+def sample_scans_rad(rng: np.random.Generator, count: int) -> Float[ndarray, "K 2"]:
+    """Sample where scanning saccades go, from the fixation."""
+    return np.asarray(np.clip(0.5 * SCAN_RAD * rng.standard_normal((count, 2)), -SCAN_RAD, SCAN_RAD))

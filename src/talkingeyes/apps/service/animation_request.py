@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator
 
 from talkingeyes.animation.controls import MAX_LIVELINESS, Controls, Liveliness
+from talkingeyes.animation.conversation_states import State
 from talkingeyes.animation.live_gaze import GazeDirection
 from talkingeyes.animation.targets import CAMERA, LISTENER, STRAIGHT_AHEAD, check_reach
 from talkingeyes.core.settings import Settings, bounds_error
@@ -56,6 +57,10 @@ Target = Annotated[
     Literal["camera", "listener"] | tuple[float, float, float] | None,
     Field(description="what gaze is at: camera, listener, [x, y, z] in metres (left, up, ahead), or null"),
 ]
+StreamState = Annotated[
+    State | None,
+    Field(description="eye contact 0.95 listening, 0.2 thinking, 0.6 idle; speaking or null: the model's own"),
+]
 
 
 def _check_target(value: Any) -> Any:
@@ -78,6 +83,7 @@ class StreamRequest(AnimationRequest):
 
     format: Annotated[Literal["binary", "json"], Field(description="form of the frames")] = "binary"
     target: Target = None
+    state: StreamState = None
 
     _target_in_reach = field_validator("target", mode="before")(_check_target)
 
@@ -85,7 +91,8 @@ class StreamRequest(AnimationRequest):
     def gaze(self) -> GazeDirection:
         """What directs gaze."""
         ahead = STRAIGHT_AHEAD.positions_m[0] if self.target in (CAMERA, LISTENER) else None
-        return GazeDirection(self.eye_contact, ahead or (self.target if isinstance(self.target, tuple) else None))
+        point = self.target if isinstance(self.target, tuple) else None
+        return GazeDirection(self.eye_contact, ahead or point, self.state)
 
 
 class StreamChanges(Settings):
@@ -95,6 +102,7 @@ class StreamChanges(Settings):
     gaze_liveliness: Annotated[float, _liveliness("motion of the eyes")] = 1.0
     eye_contact: Annotated[float, Field(ge=0, le=1, description="share of time; null: the model's")] | None = None
     target: Target = None
+    state: StreamState = None
 
     _target_in_reach = field_validator("target", mode="before")(_check_target)
 
