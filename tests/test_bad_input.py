@@ -96,6 +96,8 @@ CASES = [
     ("export good.npz -f glb -o a.gltf", "should be a name that ends in .glb"),
     ("export good.npz -f glb -o a.glb --fps 1000", "fps: should be 10 to 240"),
     ("export good.npz -f glb -o a.glb --sound a.wav", "sound: should be used with mp4 only"),
+    ("export good.npz -f glb -o a.glb --frame 1", "frame: should be used with obj and ply only, got glb"),
+    ("export good.npz -o a.obj --frame -1", "frame: should be 0 to"),
     ("export good.npz -f bvh -o a.bvh --keys list.json", "schema should be talkingeyes.events/2"),
     ("export good.npz -f vhap -o a.npz", "model: should be your FLAME file"),
     ("export flame.npz -f livelink -o a.csv", "model: should be your FLAME file"),

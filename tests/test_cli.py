@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
+import toy_motions
+from typer.main import get_command
 
 import talkingeyes
 from talkingeyes.animation import animator
@@ -19,6 +22,7 @@ from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Blink, Events, Motion
 from talkingeyes.rendering import traces
+from talkingeyes.workflows.convert import FORMATS
 
 
 class ToyPerformer:
@@ -92,6 +96,25 @@ def test_other_formats_are_written_with_each_motion(place: Path, monkeypatch: py
     assert {f"sample_00.{end}" for end in ("bvh", "keys.json", "flame.npz", "csv")} <= names
     assert call(monkeypatch, *words, "--force") == 0
     assert not (place / "out" / "sample_00.bvh").exists()
+
+
+def test_a_mesh_is_of_the_frame_that_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    toy_motions.motion().save(tmp_path / "a.npz")
+    for frame in (0, 7):
+        talkingeyes.export("a.npz", f"python_{frame}.ply", frame=frame)
+    assert call(monkeypatch, "export", "a.npz", "-o", "first.ply") == 0
+    assert call(monkeypatch, "export", "a.npz", "-f", "ply", "-o", "later.ply", "--frame", "7") == 0
+    made = [(tmp_path / f"{name}.ply").read_bytes() for name in ("first", "later", "python_0", "python_7")]
+    assert made[:2] == made[2:] and made[0] != made[1]
+
+
+def test_help_of_export_names_every_format() -> None:
+    options = {each.name: each.help for each in get_command(cli.app).commands["export"].params if each.name != "motion"}
+    assert re.findall(r"\w+", options["format"].replace(" or ", " ")) == list(FORMATS)
+    chosen = [name for name, each in FORMATS.items() if each.expression == "chosen"]
+    named = options["head"].partition(":")[0].replace(" and ", " ")
+    assert re.findall(r"\w+", named)[2:] == chosen
 
 
 def test_python_api_gives_the_same_output(place: Path) -> None:

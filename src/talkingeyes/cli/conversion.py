@@ -16,11 +16,11 @@ def export_motion(
         typer.Option(
             "-f",
             "--format",
-            help="flame, vhap, diffposetalk, livelink, arkit, glb, vrm, usd, vocaset, bvh, events or mp4.",
+            help="flame, vhap, diffposetalk, livelink, arkit, glb, vrm, usd, vocaset, obj, ply, bvh, events or mp4.",
         ),
     ] = None,
     head: Annotated[
-        str, typer.Option(help="Head of glb, usd, vocaset and mp4: anny (the open head) or flame.")
+        str, typer.Option(help="Head of glb, usd, vocaset, obj, ply and mp4: anny (the open head) or flame.")
     ] = "anny",
     model: Annotated[
         Path | None, typer.Option(help="Your FLAME file: for --head flame, and where a face must be retargeted.")
@@ -36,6 +36,7 @@ def export_motion(
     ] = "visual",
     keys: Annotated[Path | None, typer.Option(help="Edited saccades and blinks (.events.json).")] = None,
     sound: Annotated[Path | None, typer.Option(help="The speech, for mp4.")] = None,
+    frame: Annotated[int | None, typer.Option(help="Frame of obj and ply, from 0. Default: the first.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
 ) -> None:
     """Write a motion for other programs (docs/formats.md)."""
@@ -43,7 +44,17 @@ def export_motion(
 
     format = format or format_of(out)
     done = export(
-        motion, out, format=format, head=head, model=model, fps=fps, eyes=eyes, keys=keys, sound=sound, force=force
+        motion,
+        out,
+        format=format,
+        head=head,
+        model=model,
+        fps=fps,
+        eyes=eyes,
+        keys=keys,
+        sound=sound,
+        frame=frame,
+        force=force,
     )
     typer.echo(f"{out}: {format}, {done.seconds:.2f} s at {done.fps:g} fps")
 
