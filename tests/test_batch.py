@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,10 @@ import soundfile
 from toy_model import sound_file, toy_model
 
 import talkingeyes
+from talkingeyes.animation.controls import Controls
+from talkingeyes.animation.conversation_states import StateTrack
+from talkingeyes.animation.targets import constant_target
+from talkingeyes.audio.annotation import Span
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
@@ -47,6 +53,24 @@ def files(folder: Path) -> dict[str, str]:
 def table(folder: Path) -> list[dict[str, str]]:
     with (folder / "summary.csv").open(newline="") as file:
         return list(csv.DictReader(file))
+
+
+def test_a_manifest_with_open_ends_is_strict_json_and_is_recognised(place: Path) -> None:
+    states = StateTrack((Span(0.0, 0.5, "thinking"), Span(0.5, math.inf, "idle")))
+    order = replace(ORDER, controls=Controls(targets=constant_target("camera"), states=states))
+    assert [line.status for line in animate_all(["lines"], "out", order)] == ["done"] * 3
+    text = (place / "out" / "a" / "manifest.json").read_text()
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    controls = json.loads(text, parse_constant=refuse)["controls"]
+    assert [each["end_s"] for each in controls["states"]["spans"]] == [0.5, None]
+    assert [each["end_s"] for each in controls["targets"]["targets"]] == [None]
+    assert [line.status for line in animate_all(["lines"], "out", order)] == ["skipped"] * 3
+    closed = replace(states, spans=(states.spans[0], Span(0.5, 0.9, "idle")))
+    other = replace(order, controls=replace(order.controls, states=closed))
+    assert [line.status for line in animate_all(["lines"], "out", other, force=True)] == ["done"] * 3
 
 
 def test_each_sound_has_a_folder_and_a_row(place: Path) -> None:

@@ -231,12 +231,12 @@ def provenance_of(model: Path) -> Provenance:
 
 
 def build_manifest(sound: Float[ndarray, " N"], provenance: Provenance, options: AnimationOptions) -> dict[str, Any]:
-    """All inputs of a result: code, model, sound and options."""
+    """All inputs of a result: code, model, sound and options; an open end of a span is null."""
     return {
         "schema": "talkingeyes.manifest/2",
         **asdict(provenance),
         "sound_sha256": hashlib.sha256(np.ascontiguousarray(sound).tobytes()).hexdigest(),
-        **json.loads(json.dumps(asdict(options), default=_digest_of)),
+        **json.loads(json.dumps(asdict(options), default=_digest_of), parse_constant=lambda _: None),
     }
 
 
@@ -279,7 +279,7 @@ def write_animation(
                 _write_sample(folder / f"sample_{index:02d}", performance, sound, options, show_progress)
             if options.previews:
                 _draw(folder, animations, sound)
-            (folder / MANIFEST_FILE).write_text(json.dumps(manifest, indent=1) + "\n")
+            (folder / MANIFEST_FILE).write_text(json.dumps(manifest, indent=1, allow_nan=False) + "\n")
     except OSError as error:
         raise InputError(
             f"{output_path}: should be a folder that can be written, got: {error.strerror or error}"
