@@ -169,9 +169,9 @@ def saccade_bank(workspace: Workspace, corpus: Corpus) -> SaccadeBank:
 def _sample(name: str, corpus: Corpus, bank: SaccadeBank, folder: Path, settings: SampleSettings, clip: Clip) -> None:
     sound, partner = corpus.speech(clip), corpus.partner(clip)
     turns = detect_speech(sound) if partner is None else detect_turns(sound, partner)
-    heard = FieldSound(int(clip.seconds * clip.fps), clip.fps, sound, turns, bank)
+    speech = FieldSound(int(clip.seconds * clip.fps), clip.fps, sound, turns, bank)
     seeds = [[settings.seed, number, *clip.id.encode()] for number in range(settings.samples)]
-    generate(name, heard, seeds).save(make_shard_path(folder, clip.id, ".npz"))
+    generate(name, speech, seeds).save(make_shard_path(folder, clip.id, ".npz"))
 
 
 def compare(default: Sequence[MetricResult], baseline: Sequence[MetricResult]) -> list[dict[str, Any]]:
@@ -340,12 +340,12 @@ def _people(found: Mapping[str, Any] | None) -> Iterator[str]:
         yield f"\n### While {state}\n"
         yield from _table([heading, *(_person_line(name, row) for name, row in rows.items())])
         ours = rows[DEFAULT]["mean_ratio"]
-        told: dict[str, list[str]] = {NEARER: [], FARTHER: [], UNDECIDED: []}
+        rated: dict[str, list[str]] = {NEARER: [], FARTHER: [], UNDECIDED: []}
         for name in GENERATORS:
             theirs = rows[name]["mean_ratio"]
             both = [None if each is None else (each["low"], each["high"]) for each in (ours, theirs)]
-            told.get(verdict(*both), told[UNDECIDED]).append(FIELD_TITLES[name])
-        words = "; ".join(f"{key}: {', '.join(names) or 'none'}" for key, names in told.items())
+            rated.get(verdict(*both), rated[UNDECIDED]).append(FIELD_TITLES[name])
+        words = "; ".join(f"{key}: {', '.join(names) or 'none'}" for key, names in rated.items())
         yield f"\nBy intervals of the mean ratio, {words}."
 
 

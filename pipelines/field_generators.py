@@ -88,7 +88,7 @@ class FieldMotion:
     eyes_rad: Float[ndarray, "T 2"]
 
 
-def uniform_eyes(heard: FieldSound, rng: np.random.Generator) -> FieldMotion:
+def uniform_eyes(speech: FieldSound, rng: np.random.Generator) -> FieldMotion:
     """Uniformly random eyes, with a new direction every 0.2 to 5 s, and a uniformly random head.
 
     Source: TalkingHead 1.7 (met4citizen/TalkingHead, README, "animMoods", mood neutral): look coefficients within 0.6
@@ -96,13 +96,13 @@ def uniform_eyes(heard: FieldSound, rng: np.random.Generator) -> FieldMotion:
     rad of yaw, takes 0.2 to 5 s and waits up to 1 s. The head moves. Chosen here: a coefficient of 1 is 37 degrees, as
     in our ARKit files; movements ease in and out.
     """
-    look = _eased_path(heard, EYE_RANGE, EYE_HOLD_S, EYE_MOVE_S, rng)
-    head = _eased_path(heard, HEAD_RANGE_RAD, HEAD_HOLD_S, HEAD_MOVE_S, rng)
+    look = _eased_path(speech, EYE_RANGE, EYE_HOLD_S, EYE_MOVE_S, rng)
+    head = _eased_path(speech, HEAD_RANGE_RAD, HEAD_HOLD_S, HEAD_MOVE_S, rng)
     return FieldMotion(head, look * LOOK_RANGE_RAD * np.array([1.0, -1.0]))
 
 
 def _eased_path(
-    heard: FieldSound,
+    speech: FieldSound,
     bounds: Float[ndarray, "C 2"],
     hold_s: tuple[float, float],
     move_s: tuple[float, float],
@@ -110,18 +110,18 @@ def _eased_path(
 ) -> Float[ndarray, "T C"]:
     """A path between uniformly random places, with uniformly random waits and movement times."""
     place = rng.uniform(bounds[:, 0], bounds[:, 1])
-    path, end_s = np.tile(place, (heard.frames, 1)), 0.0
-    while end_s < heard.frames / heard.fps:
+    path, end_s = np.tile(place, (speech.frames, 1)), 0.0
+    while end_s < speech.frames / speech.fps:
         start_s = end_s + rng.uniform(*hold_s)
         end_s = start_s + rng.uniform(*move_s)
         following = rng.uniform(bounds[:, 0], bounds[:, 1])
-        phase = np.clip((heard.times_s - start_s) / (end_s - start_s), 0.0, 1.0)
+        phase = np.clip((speech.times_s - start_s) / (end_s - start_s), 0.0, 1.0)
         path += (following - place) * (phase**2 * (3 - 2 * phase))[:, None]
         place = following
     return path
 
 
-def replayed_saccades(heard: FieldSound, rng: np.random.Generator) -> FieldMotion:
+def replayed_saccades(speech: FieldSound, rng: np.random.Generator) -> FieldMotion:
     """Recorded saccades, replayed at random times.
 
     Source: NVIDIA Audio2Face-3D (its SDK and samples; the setting "saccade strength" of its manual): saccades come from
@@ -129,21 +129,21 @@ def replayed_saccades(heard: FieldSound, rng: np.random.Generator) -> FieldMotio
     here, in favour of the baseline: the saccades are those of the training split, at their rate; each keeps its
     displacement and is drawn among those that start nearest to the present gaze; kinematics follow the main sequence.
     """
-    bank = heard.bank
+    bank = speech.bank
     place = bank.start_rad[rng.integers(len(bank.start_rad))]
     chain: list[Saccade] = []
     onset_s = rng.exponential(1 / bank.rate_per_s)
-    while onset_s < heard.frames / heard.fps:
+    while onset_s < speech.frames / speech.fps:
         nearest = np.argsort(np.linalg.norm(bank.start_rad - place, axis=1))[:NEAREST]
         following = place + bank.step_rad[rng.choice(nearest)]
         chain.append(sample_saccade(onset_s, place, following, rng))
         place = following
         onset_s += MIN_INTERVAL_S + rng.exponential(max(1 / bank.rate_per_s - MIN_INTERVAL_S, 0.0))
-    still = np.zeros((heard.frames, 3))
-    return FieldMotion(still, gaze_path(chain, place, heard.times_s))
+    still = np.zeros((speech.frames, 3))
+    return FieldMotion(still, gaze_path(chain, place, speech.times_s))
 
 
-def loudness_sines(heard: FieldSound, rng: np.random.Generator) -> FieldMotion:
+def loudness_sines(speech: FieldSound, rng: np.random.Generator) -> FieldMotion:
     """A head that sways by three sines while the voice is loud.
 
     Source: Reachy Mini (pollen-robotics/reachy_mini, motion/speech_tapper.py, as its users describe it): pitch, yaw and
@@ -151,23 +151,23 @@ def loudness_sines(heard: FieldSound, rng: np.random.Generator) -> FieldMotion:
     voice activity (on above -35 dBFS, off below -45) and scaled by loudness (-46 to -18 dBFS), with an attack of 50 ms
     and a release of 250 ms. The head moves; the eyes of the robot cannot, so gaze follows the head.
     """
-    level = energy_dbfs(heard.sound, heard.times_s, LEVEL_WINDOW_S, -90.0) + OFFSET_DB
+    level = energy_dbfs(speech.sound, speech.times_s, LEVEL_WINDOW_S, -90.0) + OFFSET_DB
     loudness = np.clip((level - LEVEL_DB[0]) / (LEVEL_DB[1] - LEVEL_DB[0]), 0.0, 1.0) ** GAMMA
-    gain, envelope, voiced, quiet_s = 0.0, np.empty(heard.frames), False, 0.0
-    for frame in range(heard.frames):
-        quiet_s = quiet_s + 1 / heard.fps if level[frame] <= VOICE_OFF_DB else 0.0
+    gain, envelope, voiced, quiet_s = 0.0, np.empty(speech.frames), False, 0.0
+    for frame in range(speech.frames):
+        quiet_s = quiet_s + 1 / speech.fps if level[frame] <= VOICE_OFF_DB else 0.0
         voiced = level[frame] >= VOICE_ON_DB or (voiced and quiet_s < RELEASE_S)
         target = loudness[frame] if voiced else 0.0
         constant_s = ATTACK_S if target > gain else RELEASE_S
-        gain += (target - gain) * (1 - np.exp(-1 / (heard.fps * constant_s)))
+        gain += (target - gain) * (1 - np.exp(-1 / (speech.fps * constant_s)))
         envelope[frame] = gain
     phase = rng.uniform(0.0, 2 * np.pi, 3)
-    sines = np.sin(2 * np.pi * SINE_HZ * heard.times_s[:, None] + phase)
+    sines = np.sin(2 * np.pi * SINE_HZ * speech.times_s[:, None] + phase)
     head = np.radians(SINE_SCALE * SINE_DEG) * sines * envelope[:, None]
-    return FieldMotion(head, np.zeros((heard.frames, 2)))
+    return FieldMotion(head, np.zeros((speech.frames, 2)))
 
 
-def rule_based(heard: FieldSound, rng: np.random.Generator) -> FieldMotion:
+def rule_based(speech: FieldSound, rng: np.random.Generator) -> FieldMotion:
     """A state machine: speaking, listening, thinking, idle; each with its share of time at the partner.
 
     Source: thot-pocket (ExpertVagabond/thot-pocket, README, "Conversational Gaze Model"): at the user 60 to 70 % while
@@ -177,13 +177,13 @@ def rule_based(heard: FieldSound, rng: np.random.Generator) -> FieldMotion:
     states from speech detected by level (thinking: the second before the own turn and pauses of 0.4 s; idle: silences
     of 2 s), aversions of 6 to 15 degrees, contacts of 1 to 3.3 s, kinematics of the main sequence.
     """
-    states = conversation_states(heard)
+    states = conversation_states(speech)
     chain: list[Saccade] = []
     place = centre = np.zeros(2)
     now_s = until_s = 0.0
     averted, state = bool(rng.integers(2)), ""
-    while now_s < heard.frames / heard.fps:
-        present = states[min(int(now_s * heard.fps), heard.frames - 1)]
+    while now_s < speech.frames / speech.fps:
+        present = states[min(int(now_s * speech.fps), speech.frames - 1)]
         if now_s >= until_s or present != state:
             changed, state = present != state, present
             share = AT_PARTNER[state]
@@ -201,7 +201,7 @@ def rule_based(heard: FieldSound, rng: np.random.Generator) -> FieldMotion:
             chain.append(sample_saccade(now_s, place, following, rng))
         place = following
         now_s += rng.uniform(*(MICRO_S if averted else SCAN_S))
-    return FieldMotion(np.zeros((heard.frames, 3)), gaze_path(chain, place, heard.times_s))
+    return FieldMotion(np.zeros((speech.frames, 3)), gaze_path(chain, place, speech.times_s))
 
 
 def _aversion(state: str, rng: np.random.Generator) -> Float[ndarray, " 2"]:
@@ -215,19 +215,19 @@ def _aversion(state: str, rng: np.random.Generator) -> Float[ndarray, " 2"]:
     return np.asarray([np.cos(angle), np.sin(angle)])
 
 
-def conversation_states(heard: FieldSound) -> list[str]:
+def conversation_states(speech: FieldSound) -> list[str]:
     """The state of each frame, by level alone."""
-    states = np.full(heard.frames, "idle", dtype="U9")
+    states = np.full(speech.frames, "idle", dtype="U9")
 
     def mark(start_s: float, end_s: float, state: str) -> None:
-        states[max(0, round(start_s * heard.fps)) : max(0, round(end_s * heard.fps))] = state
+        states[max(0, round(start_s * speech.fps)) : max(0, round(end_s * speech.fps))] = state
 
-    speaking = heard.turns.speaking
+    speaking = speech.turns.speaking
     for one, following in pairwise(speaking):
         if following.start_s - one.end_s < IDLE_S:
             short = following.start_s - one.end_s < THINKING_S
             mark(one.end_s, following.start_s, "speaking" if short else "thinking")
-    for span in heard.turns.listening:
+    for span in speech.turns.listening:
         mark(span.start_s, span.end_s, "listening")
     for before, span in zip([None, *speaking], speaking, strict=False):
         if before is None or span.start_s - before.end_s >= IDLE_S:
@@ -244,8 +244,8 @@ GENERATORS: dict[str, Callable[[FieldSound, np.random.Generator], FieldMotion]] 
 }
 
 
-def generate(name: str, heard: FieldSound, seeds: Sequence[Sequence[int]]) -> Samples:
+def generate(name: str, speech: FieldSound, seeds: Sequence[Sequence[int]]) -> Samples:
     """Samples of a baseline, one per seed."""
-    made = [GENERATORS[name](heard, np.random.default_rng(seed)) for seed in seeds]
+    made = [GENERATORS[name](speech, np.random.default_rng(seed)) for seed in seeds]
     eyes = angles_to_gaze(np.stack([each.eyes_rad for each in made]))
-    return Samples(heard.fps, np.stack([each.head for each in made]), np.stack([eyes, eyes], axis=2))
+    return Samples(speech.fps, np.stack([each.head for each in made]), np.stack([eyes, eyes], axis=2))

@@ -4,7 +4,7 @@ Run     make release-report        (python -m pipelines.release_report), after m
 Reads   build/release: the models, their twins without speech, the critics
 Writes  build/sealed: a corpus of 300 sounds of 50 people from a seed of its own; docs/releases.md
 
-No other command reads this corpus (`Workspace.corpus` refuses it), so nothing can be chosen by its figures.
+Every other stage refuses this corpus (`Workspace.corpus`), so that nothing is chosen by its figures.
 """
 
 from __future__ import annotations

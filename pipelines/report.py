@@ -118,7 +118,7 @@ def run(workspace: Workspace) -> Report:
     benchmarks = _benchmarks(workspace.data("evaluate"), order_rows(eyes))
     informed = {path.parent.name: _json(path) for path in workspace.data("information").glob("*/metrics.json")}
     informed = {name: informed[name] for name in order_rows(eyes) if name in informed}
-    heard = {name: row for name, row in informed.items() if _uses_sound(row)}
+    tied = {name: row for name, row in informed.items() if _uses_sound(row)}
     upstream = [*critic_requirements(eyes), *_upstream(workspace.data("fit", "table8.json"), counts)]
     required = {name: model_requirements(eyes, benchmarks, name) for name in order_rows(eyes)}
     with workspace.output("report") as folder:
@@ -128,10 +128,10 @@ def run(workspace: Workspace) -> Report:
         critic = _json(workspace.data("critic", "report.json"))
         notes = workspace.data("critic", "notes.txt").read_text()
         (folder / "table3.md").write_text(_page(eyes, critic, notes, upstream, required, benchmarks, informed))
-        (folder / "summary.txt").write_text(report_summary(rows, heard, required, upstream, "data/report"))
+        (folder / "summary.txt").write_text(report_summary(rows, tied, required, upstream, "data/report"))
         (folder / "rows").mkdir()
         for name, row in rows.items():
-            figures = row_metrics(row, heard.get(name), required.get(name, ()))
+            figures = row_metrics(row, tied.get(name), required.get(name, ()))
             (folder / "rows" / f"{name}.json").write_text(json.dumps(figures, indent=1) + "\n")
         (folder / "face.md").write_text(FACES + face_markdown(rows))
         plot_strips(
@@ -187,7 +187,7 @@ def _page(
 
 def _uses_sound(row: Mapping[str, Any]) -> bool:
     """Whether motion is more likely under its own sound than under another, by intervals that do not overlap."""
-    own, other = (row["unseen"].get(sound, {}).get("total") for sound in ("own", "other"))
+    own, other = (row.get("unseen", {}).get(sound, {}).get("total") for sound in ("own", "other"))
     return own is not None and other is not None and own["low"] > other["high"]
 
 

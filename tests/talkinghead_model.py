@@ -4,13 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from talkingeyes.core.motion import Motion
-from talkingeyes.formats.readers.gltf import open_gltf
-from talkingeyes.formats.writers.glb import write_glb
-from talkingeyes.head.anny import anny_head
-from tests.vrm_model import write_content
+from tests.vrm_model import still_head, write_content
 
 # Parent and offset in metres of each bone but those of the head.
 BONES: dict[str, tuple[str, tuple[float, float, float]]] = {
@@ -43,10 +37,8 @@ BONES: dict[str, tuple[str, tuple[float, float, float]]] = {
 
 def talkinghead_model(path: Path) -> Path:
     """Write the avatar; its bone `Head` is the head's joint at the neck."""
-    write_glb(Motion.of(25.0, np.zeros((2, 3)), np.zeros((2, 2, 3))), anny_head(), path)
-    read = open_gltf(path)
+    read = still_head(path)
     content = read.content
-    del content["animations"]
     nodes = content["nodes"]
     names = [node["name"] for node in nodes]
     mesh, root = names.index("head"), names.index("root")

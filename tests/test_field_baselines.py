@@ -47,7 +47,7 @@ TURNS = Annotation(
 )
 
 
-def heard(turns: Annotation = TURNS) -> FieldSound:
+def speech(turns: Annotation = TURNS) -> FieldSound:
     """A minute: noise where the subject speaks; recorded saccades of 5 degrees between two places."""
     rng = np.random.default_rng(0)
     times_s = np.arange(SECONDS * SAMPLE_RATE) / SAMPLE_RATE
@@ -59,7 +59,7 @@ def heard(turns: Annotation = TURNS) -> FieldSound:
 
 @pytest.mark.parametrize("name", GENERATORS)
 def test_samples_follow_their_seeds(name):
-    samples = generate(name, heard(), [[0, 1], [0, 2], [0, 1]])
+    samples = generate(name, speech(), [[0, 1], [0, 2], [0, 1]])
     assert samples.head.shape == (3, 1500, 3) and samples.gaze.shape == (3, 1500, 2, 3)
     np.testing.assert_array_equal(samples.head[0], samples.head[2])
     np.testing.assert_array_equal(samples.gaze[..., 0, :], samples.gaze[..., 1, :])
@@ -70,7 +70,7 @@ def test_samples_follow_their_seeds(name):
 def test_uniform_eyes_fill_their_range_and_wait_0_2_to_5_s():
     eyes, waits = [], []
     for seed in range(20):
-        made = uniform_eyes(heard(), np.random.default_rng(seed))
+        made = uniform_eyes(speech(), np.random.default_rng(seed))
         eyes.append(made.eyes_rad)
         still = np.concatenate([[False], (np.abs(np.diff(made.eyes_rad, axis=0)).max(axis=1) < 1e-9), [False]])
         edges = np.flatnonzero(np.diff(still.astype(int)))
@@ -83,12 +83,12 @@ def test_uniform_eyes_fill_their_range_and_wait_0_2_to_5_s():
 
 
 def test_replayed_saccades_are_the_recorded_ones_at_their_rate():
-    bank = heard().bank
+    bank = speech().bank
     assert len(bank.start_rad) == 59 and bank.rate_per_s == pytest.approx(59 / 120)
     assert np.hypot(*bank.step_rad.T) == pytest.approx(np.radians(5.0))
     counts = []
     for seed in range(20):
-        made = replayed_saccades(heard(), np.random.default_rng(seed))
+        made = replayed_saccades(speech(), np.random.default_rng(seed))
         assert not made.head.any()
         yaw_deg = np.degrees(made.eyes_rad[:, 0])
         counts.append(np.abs(np.diff(yaw_deg > 2.5)).sum())
@@ -97,7 +97,7 @@ def test_replayed_saccades_are_the_recorded_ones_at_their_rate():
 
 
 def test_sines_have_their_frequencies_while_loud_and_rest_in_silence():
-    made = loudness_sines(heard(), np.random.default_rng(0))
+    made = loudness_sines(speech(), np.random.default_rng(0))
     times_s = np.arange(len(made.head)) / FPS
     assert not made.eyes_rad.any()
     assert np.abs(made.head[times_s < 4.5]).max() == 0.0
@@ -110,7 +110,7 @@ def test_sines_have_their_frequencies_while_loud_and_rest_in_silence():
 
 
 def test_rules_look_at_the_partner_as_described():
-    states = np.array(conversation_states(heard()))
+    states = np.array(conversation_states(speech()))
     assert set(states) == set(AT_PARTNER)
     at = {
         0.0: "idle",
@@ -124,7 +124,7 @@ def test_rules_look_at_the_partner_as_described():
     assert [states[int(time_s * FPS)] for time_s in at] == list(at.values())
     near = []
     for seed in range(60):
-        made = rule_based(heard(), np.random.default_rng(seed))
+        made = rule_based(speech(), np.random.default_rng(seed))
         assert not made.head.any()
         near.append(np.degrees(np.hypot(*made.eyes_rad.T)) < 4.5)
     shares = {state: np.stack(near)[:, states == state].mean() for state in AT_PARTNER}

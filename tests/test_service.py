@@ -856,7 +856,6 @@ class TestPage:
             browser.value("document.getElementById('record').click()")
             browser.wait_for("document.body.dataset.state === 'live'")
             browser.wait_for("document.getElementById('level').value > -45")
-            browser.value("(state.value = 'thinking', state.dispatchEvent(new Event('change')))")
             browser.wait_for("Number(document.body.dataset.frames) > 25")
             browser.value("document.getElementById('record').click()")
             browser.wait_for(PLAYING)

@@ -34,6 +34,13 @@ def test_other_errors_keep_their_trace():
         run_command(fails(ZeroDivisionError()))
 
 
+def test_only_the_report_of_a_release_reads_a_sealed_corpus(tmp_path):
+    (tmp_path / run.SEAL).touch()
+    with pytest.raises(InputError, match="is sealed for the reports of releases"):
+        _ = Workspace(tmp_path, {"corpus": "."}).corpus
+    assert Workspace(tmp_path, {"corpus": "."}, may_read_sealed=True).corpus == tmp_path
+
+
 def a_stage(workspace, name):
     return Report()
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from talkingeyes.core.motion import Motion
-from talkingeyes.formats.readers.gltf import open_gltf
+from talkingeyes.formats.readers.gltf import GltfDocument, open_gltf
 from talkingeyes.formats.writers.glb import write_glb
 from talkingeyes.formats.writers.vrm import BONES
 from talkingeyes.head.anny import anny_head
@@ -21,10 +21,8 @@ LICENSE = "https://vrm.dev/licenses/1.0/"
 
 def vrm_model(path: Path) -> Path:
     """Write the avatar. Its bone `head` is the head's joint at the neck; it has a body of bones without a mesh."""
-    write_glb(Motion.of(25.0, np.zeros((2, 3)), np.zeros((2, 2, 3))), anny_head(), path)
-    read = open_gltf(path)
+    read = still_head(path)
     content = read.content
-    del content["animations"]
     nodes = content["nodes"]
     names = [node["name"] for node in nodes]
     bones = {"head": names.index("neck"), "leftEye": names.index("left_eye"), "rightEye": names.index("right_eye")}
@@ -58,6 +56,14 @@ def vrm_model(path: Path) -> Path:
         }
     }
     return write_content(path, content, read.binary)
+
+
+def still_head(path: Path) -> GltfDocument:
+    """Write the open head as GLB without animation, and read it back."""
+    write_glb(Motion.of(25.0, np.zeros((2, 3)), np.zeros((2, 2, 3))), anny_head(), path)
+    read = open_gltf(path)
+    del read.content["animations"]
+    return read
 
 
 def write_content(path: Path, content: dict[str, Any], binary: bytes) -> Path:

@@ -6,7 +6,7 @@
 //   live.set({ eye_contact: 0.8 });      // changes controls
 //   await live.ended;                    // the number of frames, when the sound is over; live.stop() ends the microphone
 //
-// Without `sound` the microphone is heard. A file is played as late as its frames are shown, so both are in step.
+// Without `sound` the microphone is used. A file is played as late as its frames are shown, so both are in step.
 
 import { openStream } from "./stream_client.js";
 
@@ -28,6 +28,32 @@ export async function openLive({ service, sound = null, request = {} }) {
     return frames[Math.min(at, frames.length - 1)] ?? null;
   }
   return { frames, due, set: stream.set, stop: source.stop, ended, latency_s: delay_s };
+}
+
+// Starts and stops a stream by clicks on the picture, and sends what the form says while it runs. The address of the page
+// may name a service and a sound. `changes` gives the controls, `ended` is called at the end.
+export function controlLive({ form, output, picture, changes, ended = () => {} }) {
+  const asked = new URLSearchParams(location.search);
+  let live = null;
+  async function start() {
+    if (live || output.value === "starting") return;
+    output.value = "starting";
+    try {
+      live = await openLive({ service: asked.get("service") ?? "ws://127.0.0.1:8030/stream", sound: asked.get("sound"), request: changes() });
+      output.value = `live, ${Math.round(1000 * live.latency_s)} ms late`;
+      document.title = `ended after ${await live.ended} frames`;
+      output.value = "click the picture to start";
+    } catch (error) {
+      document.title = output.value = error.message;
+    }
+    window.last = live; // for tests and the curious
+    live = null;
+    ended();
+  }
+  picture.addEventListener("click", () => (live ? live.stop() : start()));
+  form.oninput = () => live?.set(changes());
+  form.onsubmit = (event) => event.preventDefault();
+  return { start, due: () => live?.due() ?? null, send: () => live?.set(changes()) };
 }
 
 async function fileOf(context, address) {

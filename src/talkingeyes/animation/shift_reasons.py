@@ -1,4 +1,4 @@
-"""The reason of each gaze shift, told from where it goes and from what happens in the conversation at that time.
+"""The reason of each gaze shift, by where it goes and what happens in the conversation at that time.
 
 The learnt model states no cause, so reasons are assigned afterwards by rule. A shift to the partner is a `return`, one
 that stays at the partner, or away, a `scan`. One that leaves the partner has the first of these reasons that holds:

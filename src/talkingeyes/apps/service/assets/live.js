@@ -53,7 +53,6 @@ function wireControls(form) {
     if (recording) recording.set(changeable());
     else if (!["face", "keep", "rate"].includes(target.id)) perform();
   };
-  $("state").onchange = () => recording?.set(changeable());
   $("seek").oninput = () => ($("sound").currentTime = $("seek").value);
   $("view").onchange = ({ target }) => stage.look(target.value);
   $("rays").onchange = ({ target }) => stage.showRays(target.checked);
@@ -138,7 +137,7 @@ function requested() {
 // What can be changed while a recording runs.
 function changeable() {
   const { head_liveliness, gaze_liveliness, eye_contact = null } = requested();
-  return { head_liveliness, gaze_liveliness, eye_contact, state: $("state").value };
+  return { head_liveliness, gaze_liveliness, eye_contact };
 }
 
 // A new sound, from its beginning.
@@ -245,7 +244,7 @@ async function record() {
   $("record").disabled = true;
   try {
     $("sound").pause();
-    recording = await openRecording({ ...requested(), state: $("state").value }, { begun, heard, ended, failed });
+    recording = await openRecording(requested(), { begun, heard, ended, failed });
     shown = null;
     bars = new Float32Array(LIVE_BARS);
     $("record").textContent = "Stop";
