@@ -106,8 +106,7 @@ def gaze_intervals(
 
 
 def _listens(listening: tuple[Span, ...], time_s: float) -> bool:
-    """Whether the partner has the turn; times before the clip count as its start."""
-    time_s = max(time_s, 0.0)
+    """Whether the partner has the turn."""
     return any(span.start_s <= time_s < span.end_s for span in listening)
 
 

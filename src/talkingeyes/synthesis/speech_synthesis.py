@@ -1,15 +1,17 @@
 """Speech synthesis of monologues and conversations, with the times of all words, phonemes and pauses.
 
 The sound is assembled phrase by phrase at espeak's rate and padded to whole frames of 25 fps. The text of a turn is
-written during synthesis, so that the turn ends on time: sentences are chosen with the pace of the voice so far. Pure:
+written during synthesis, so that the turn ends on time: sentences are chosen with the pace of the voice so far. A clip
+is cut out of a longer conversation at a random place, so that nothing can be read off where it starts and ends. Pure:
 returns sounds and annotations; reads and writes no files.
 """
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -48,6 +50,9 @@ PACE_PRIOR_S = 2.0  # weight of the usual pace in the estimate of a voice's pace
 MIN_SPEED_FACTOR, MAX_SPEED_FACTOR = 0.9, 1.12  # of the last sentence of a turn, so that it ends on time
 ATTEMPTS = 50
 MARGIN_S = 0.2  # inside the requested range of durations, so that few attempts fail
+CONTEXT_S = 6.0  # of conversation around a clip, before and after it together
+MIN_SPOKEN_S = 2.0  # of the speaker's own speech in a clip
+FRAME_S = FRAME_SAMPLES / ESPEAK_SAMPLE_RATE
 TURN_S = 6.0  # mean duration of a turn in a conversation
 TURN_SPREAD = 0.35
 SPEAKER_TURN_WEIGHT = 1.5  # weight of the speaker's turns relative to the partner's
@@ -59,11 +64,14 @@ TURN_GAP_S = (0.2, 0.6, 0.05, 1.2)
 class SynthesizedSpeech:
     """A sound at 16 kHz (a whole number of frames at 25 fps), its annotation and script.
 
-    `partner` is the partner's sound, of the same length; None without a partner.
+    `conversation` is the annotation of the whole conversation that the sound is cut out of, with times before 0 and
+    after its end; the script is that of the conversation. `partner` is the partner's sound, of the same length; None
+    without a partner.
     """
 
     sound: Float[ndarray, " N"]
     annotation: Annotation
+    conversation: Annotation
     script: Script
     partner: Float[ndarray, " N"] | None = None
     partner_script: Script | None = None
@@ -74,8 +82,9 @@ class SynthesizedSpeech:
 
     @property
     def text(self) -> str:
-        """The speaker's words, including hesitations."""
-        return self.script.text
+        """The speaker's words, including hesitations, as far as they are in the sound."""
+        whole = self.annotation == self.conversation
+        return self.script.text if whole else " ".join(word.label for word in self.annotation.words)
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -98,18 +107,53 @@ def synthesize_conversation(
     rng: np.random.Generator,
     partition: TextPartition = ALL_TEXT,
 ) -> SynthesizedSpeech:
-    """Synthesize new speech with sentences from a partition of all text, with a duration between two limits.
+    """Synthesize a conversation with sentences from a partition of all text, and cut a clip out of it at a random
+    place, with a duration between two limits.
 
-    Raises InputError if ATTEMPTS attempts all miss the limits.
+    Raises InputError if ATTEMPTS attempts have no clip with MIN_SPOKEN_S of speech.
     """
     for _ in range(ATTEMPTS):
         seconds = float(np.exp(rng.uniform(np.log(shortest_s + MARGIN_S), np.log(longest_s - MARGIN_S))))
-        spoken = _talk(speaker_voices, seconds, rng, partition)
-        if shortest_s <= spoken.seconds <= longest_s:
-            return spoken
+        frames = round(seconds / FRAME_S)
+        whole = _talk(speaker_voices, seconds + CONTEXT_S, rng, partition)
+        spare = round(whole.seconds / FRAME_S) - frames
+        if spare < 0:
+            continue
+        clip = excerpt(whole, int(rng.integers(spare + 1)), frames)
+        if _seconds(clip.annotation.speaking) >= min(MIN_SPOKEN_S, seconds / 2):
+            return clip
     raise InputError(
         f"voices: speech should last {shortest_s} to {longest_s} s, got none in {ATTEMPTS} attempts; widen the range"
     )
+
+
+def excerpt(spoken: SynthesizedSpeech, first: int, frames: int) -> SynthesizedSpeech:
+    """Frames `first` to `first + frames` (25 fps) of a conversation, with the time of the first as 0."""
+    start_s, samples = first * FRAME_S, round(SAMPLE_RATE * FRAME_S)
+    part = slice(first * samples, (first + frames) * samples)
+    moved = _map_spans(spoken.annotation, lambda span: _shifted(span, -start_s))
+    inside = _map_spans(moved, lambda span: _clipped(span, frames * FRAME_S))
+    partner = None if spoken.partner is None else spoken.partner[part]
+    return replace(spoken, sound=spoken.sound[part], annotation=inside, conversation=moved, partner=partner)
+
+
+def _map_spans(annotation: Annotation, change: Callable[[Any], Any | None]) -> Annotation:
+    """The annotation with every span and phoneme changed; those that become None are left out."""
+    changed = {}
+    for name, value in vars(annotation).items():
+        if isinstance(value, tuple):
+            changed[name] = tuple(each for each in map(change, value) if each is not None)
+    return replace(annotation, **changed)
+
+
+def _shifted(span: Any, by_s: float) -> Any:
+    return replace(span, start_s=span.start_s + by_s, end_s=span.end_s + by_s)
+
+
+def _clipped(span: Any, seconds: float) -> Any | None:
+    """The part of a span between 0 and `seconds`; None if there is none."""
+    start_s, end_s = max(span.start_s, 0.0), min(span.end_s, seconds)
+    return replace(span, start_s=start_s, end_s=end_s) if end_s > start_s else None
 
 
 def synthesize_script(script: Script, voice: Voice) -> SynthesizedSpeech:
@@ -277,8 +321,8 @@ def _spoken(track: VoiceTrack, partner: VoiceTrack | None, seconds: float) -> Sy
     )
     annotation = with_loudness(annotation, sound)
     if partner is None:
-        return SynthesizedSpeech(sound, annotation, track.script)
-    return SynthesizedSpeech(sound, annotation, track.script, partner.waveform(samples), partner.script)
+        return SynthesizedSpeech(sound, annotation, annotation, track.script)
+    return SynthesizedSpeech(sound, annotation, annotation, track.script, partner.waveform(samples), partner.script)
 
 
 def _seconds(spans: Sequence[Span]) -> float:
