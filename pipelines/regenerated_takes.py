@@ -31,7 +31,7 @@ def regenerate_take(corpus_inputs: CorpusInputs, clip: Clip, take: int) -> Take:
     assert settings is not None
     sound = sound_of(settings, clip)
     rng = plan.seeded_generator(settings.seed, "motion", sound.index, take)
-    annotation, style = corpus_inputs.corpus.annotation(clip), plan.speaker_of(settings, sound).style
+    annotation, style = corpus_inputs.corpus.conversation(clip), plan.speaker_of(settings, sound).style
     return sample_take(annotation, style, clip.seconds, rng, settings.blink_profile)
 
 

@@ -129,7 +129,6 @@ def synthesize_speech(root: Path, settings: SynthesizeSettings, job: SoundJob) -
         spoken,
         sound=apply_acoustics(spoken.sound, settings.acoustics, rng),
         annotation=replace(spoken.annotation, emotion=sound.emotion, intensity=sound.intensity),
-        conversation=replace(spoken.conversation, emotion=sound.emotion, intensity=sound.intensity),
         partner=None if spoken.partner is None else apply_acoustics(spoken.partner, settings.acoustics, rng),
     )
     Corpus(root).write_sound(sound.id, spoken.sound, spoken.annotation, spoken.partner)
@@ -145,7 +144,7 @@ def synthesize_takes(root: Path, settings: SynthesizeSettings, job: SoundJob, sp
     for number in range(job.takes):
         clip = _clip_row(job, spoken, number, settings.fps)
         rng = plan.seeded_generator(settings.seed, "motion", sound.index, number)
-        take = sample_take(spoken.conversation, speaker.style, clip.seconds, rng, settings.blink_profile)
+        take = sample_take(spoken.annotation, speaker.style, clip.seconds, rng, settings.blink_profile)
         motion = take.motion(settings.fps, int(len(spoken.sound) * settings.fps) // SAMPLE_RATE)
         rng = plan.seeded_generator(settings.seed, "noise", sound.index, number)
         seen = observe(motion, make_camera(settings.camera, rng), settings.noise, rng, identity)

@@ -241,8 +241,26 @@ def test_every_language_is_spoken(language: str) -> None:
     rng = np.random.default_rng(6)
     each = synthesize_conversation(DialogueVoices(sample_voice(rng, language)), 8.0, 9.6, rng)
     said = re.findall(r"[\w'-]+", each.text)
-    assert re.findall(r"[\w'-]+", " ".join(word.label for word in each.annotation.words)) == said
+    words = each.annotation.clipped(each.seconds).words
+    assert re.findall(r"[\w'-]+", " ".join(word.label for word in words)) == said
     assert sum(p.stressed for p in each.annotation.phonemes) >= 4
+
+
+def test_a_clip_is_cut_out_of_a_conversation_at_a_random_place() -> None:
+    rng = np.random.default_rng(7)
+    made = [synthesize_conversation(DialogueVoices(VOICES[0]), 4.0, 5.0, rng) for _ in range(40)]
+    spoken_at_start = [any(span.start_s < 0.0 < span.end_s for span in each.annotation.speaking) for each in made]
+    spoken_at_end = [any(s.start_s < each.seconds < s.end_s for s in each.annotation.speaking) for each in made]
+    assert 0.5 <= np.mean(spoken_at_start) <= 0.95 and 0.5 <= np.mean(spoken_at_end) <= 0.95
+    before_s = [-min(each.annotation.speaking[0].start_s, 0.0) for each in made]
+    assert 2.0 <= np.mean(before_s) <= 4.0 and max(before_s) <= 6.0
+    for each in made:
+        inside = each.annotation.clipped(each.seconds)
+        assert all(0.0 <= span.start_s < span.end_s <= each.seconds for span in (*inside.words, *inside.speaking))
+        silent = np.ones(len(each.sound), dtype=bool)
+        for span in inside.speaking:
+            silent[int(span.start_s * SAMPLE_RATE) : int(np.ceil(span.end_s * SAMPLE_RATE))] = False
+        assert np.abs(each.sound[silent]).max(initial=0.0) < 0.1 * np.abs(each.sound).max()
 
 
 def test_sampled_voices_are_diverse() -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,27 @@ class Annotation:
     partner: tuple[Span, ...] = ()
     emotion: str = "neutral"
     intensity: int = 0
+
+    def shifted(self, by_s: float) -> Annotation:
+        """The same events, later by `by_s` seconds."""
+        return self._with_spans(lambda span: replace(span, start_s=span.start_s + by_s, end_s=span.end_s + by_s))
+
+    def clipped(self, seconds: float) -> Annotation:
+        """The parts of all events between 0 and `seconds`."""
+
+        def inside(span: Any) -> Any | None:
+            start_s, end_s = max(span.start_s, 0.0), min(span.end_s, seconds)
+            return replace(span, start_s=start_s, end_s=end_s) if end_s > start_s else None
+
+        return self._with_spans(inside)
+
+    def _with_spans(self, change: Callable[[Any], Any | None]) -> Annotation:
+        """The annotation with every span and phoneme changed; those that become None are left out."""
+        changed: dict[str, Any] = {}
+        for name, value in vars(self).items():
+            if isinstance(value, tuple):
+                changed[name] = tuple(each for each in map(change, value) if each is not None)
+        return replace(self, **changed)
 
     def save(self, path: Path) -> None:
         """Write as JSON."""

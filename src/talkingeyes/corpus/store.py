@@ -71,6 +71,10 @@ class Corpus:
 
     def annotation(self, clip: Clip) -> Annotation:
         """Words, phonemes and spans of the clip's sound."""
+        return self.conversation(clip).clipped(clip.seconds)
+
+    def conversation(self, clip: Clip) -> Annotation:
+        """Those of the conversation that the sound is cut out of: also before 0 and after the end of the clip."""
         return Annotation.load(shard_path(self.root / "annotations", clip.sound, ".json"))
 
     def observation(self, clip: Clip) -> Observation:

@@ -9,9 +9,8 @@ returns sounds and annotations; reads and writes no files.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -64,14 +63,13 @@ TURN_GAP_S = (0.2, 0.6, 0.05, 1.2)
 class SynthesizedSpeech:
     """A sound at 16 kHz (a whole number of frames at 25 fps), its annotation and script.
 
-    `conversation` is the annotation of the whole conversation that the sound is cut out of, with times before 0 and
-    after its end; the script is that of the conversation. `partner` is the partner's sound, of the same length; None
-    without a partner.
+    The annotation and the script are those of the whole conversation that the sound is cut out of: events may lie
+    before 0 and after the end of the sound. `partner` is the partner's sound, of the same length; None without a
+    partner.
     """
 
     sound: Float[ndarray, " N"]
     annotation: Annotation
-    conversation: Annotation
     script: Script
     partner: Float[ndarray, " N"] | None = None
     partner_script: Script | None = None
@@ -82,9 +80,9 @@ class SynthesizedSpeech:
 
     @property
     def text(self) -> str:
-        """The speaker's words, including hesitations, as far as they are in the sound."""
-        whole = self.annotation == self.conversation
-        return self.script.text if whole else " ".join(word.label for word in self.annotation.words)
+        """The speaker's words in the sound, including hesitations."""
+        inside = self.annotation.clipped(self.seconds)
+        return self.script.text if inside == self.annotation else " ".join(word.label for word in inside.words)
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -120,7 +118,7 @@ def synthesize_conversation(
         if spare < 0:
             continue
         clip = excerpt(whole, int(rng.integers(spare + 1)), frames)
-        if _seconds(clip.annotation.speaking) >= min(MIN_SPOKEN_S, seconds / 2):
+        if _seconds(clip.annotation.clipped(clip.seconds).speaking) >= min(MIN_SPOKEN_S, seconds / 2):
             return clip
     raise InputError(
         f"voices: speech should last {shortest_s} to {longest_s} s, got none in {ATTEMPTS} attempts; widen the range"
@@ -129,31 +127,11 @@ def synthesize_conversation(
 
 def excerpt(spoken: SynthesizedSpeech, first: int, frames: int) -> SynthesizedSpeech:
     """Frames `first` to `first + frames` (25 fps) of a conversation, with the time of the first as 0."""
-    start_s, samples = first * FRAME_S, round(SAMPLE_RATE * FRAME_S)
+    samples = round(SAMPLE_RATE * FRAME_S)
     part = slice(first * samples, (first + frames) * samples)
-    moved = _map_spans(spoken.annotation, lambda span: _shifted(span, -start_s))
-    inside = _map_spans(moved, lambda span: _clipped(span, frames * FRAME_S))
     partner = None if spoken.partner is None else spoken.partner[part]
-    return replace(spoken, sound=spoken.sound[part], annotation=inside, conversation=moved, partner=partner)
-
-
-def _map_spans(annotation: Annotation, change: Callable[[Any], Any | None]) -> Annotation:
-    """The annotation with every span and phoneme changed; those that become None are left out."""
-    changed = {}
-    for name, value in vars(annotation).items():
-        if isinstance(value, tuple):
-            changed[name] = tuple(each for each in map(change, value) if each is not None)
-    return replace(annotation, **changed)
-
-
-def _shifted(span: Any, by_s: float) -> Any:
-    return replace(span, start_s=span.start_s + by_s, end_s=span.end_s + by_s)
-
-
-def _clipped(span: Any, seconds: float) -> Any | None:
-    """The part of a span between 0 and `seconds`; None if there is none."""
-    start_s, end_s = max(span.start_s, 0.0), min(span.end_s, seconds)
-    return replace(span, start_s=start_s, end_s=end_s) if end_s > start_s else None
+    annotation = spoken.annotation.shifted(-first * FRAME_S)
+    return replace(spoken, sound=spoken.sound[part], annotation=annotation, partner=partner)
 
 
 def synthesize_script(script: Script, voice: Voice) -> SynthesizedSpeech:
@@ -321,8 +299,8 @@ def _spoken(track: VoiceTrack, partner: VoiceTrack | None, seconds: float) -> Sy
     )
     annotation = with_loudness(annotation, sound)
     if partner is None:
-        return SynthesizedSpeech(sound, annotation, annotation, track.script)
-    return SynthesizedSpeech(sound, annotation, annotation, track.script, partner.waveform(samples), partner.script)
+        return SynthesizedSpeech(sound, annotation, track.script)
+    return SynthesizedSpeech(sound, annotation, track.script, partner.waveform(samples), partner.script)
 
 
 def _seconds(spans: Sequence[Span]) -> float:
