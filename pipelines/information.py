@@ -7,9 +7,9 @@ training target, under both (evaluation/model_selection/information.py).
 
 Reads: the corpus index, data/fit, data/embed, data/train/<model>, and what its training reads.
 
-Writes: data/information/<model>: deaf/, the twin; metrics.json {split: {sound: {figure: {value, low, high}}}} in nats
-per second for val, test and unseen, under the sound itself (`own`) and under another sound of the speaker (`other`),
-which should give nothing.
+Writes: data/information/<model>: without_speech/, the twin; metrics.json {split: {sound: {figure: {value, low, high}}}}
+in nats per second for val, test and unseen, under the sound itself (`own`) and under another sound of the speaker
+(`other`), which should give nothing.
 """
 
 from __future__ import annotations
@@ -51,34 +51,34 @@ class InputPaths:
     corpus: Path
     fit: Path
     embed: Path
-    hearing: Path
-    deaf: Path
+    model: Path
+    without_speech: Path
 
 
 @dataclass(frozen=True)
 class SoundLikelihoods:
-    """Likelihoods of the motion of one clip: under its sound, under another (None: there is none), and deaf."""
+    """Likelihoods of the motion of one clip: under its sound, under another (None: none), under the twin."""
 
     split: str
     own: ClipLikelihood
     other: ClipLikelihood | None
-    deaf: ClipLikelihood
+    without_speech: ClipLikelihood
 
 
 def run(workspace: Workspace, name: str) -> Report:
     """Train the twin, and score in parallel over sounds."""
     settings, data = workspace.settings("validate", ValidateSettings), workspace.data
-    deaf = _train_deaf(workspace, name)
+    without_speech = _train_without_speech(workspace, name)
     corpus, fit, embed = workspace.corpus, data("fit"), data("embed")
     sounds = group_sounds(Corpus(corpus), fit, embed, SPLITS, 1, settings.seed)
     with workspace.output("information", name) as folder:
-        (folder / "deaf").mkdir()
-        deaf.save(folder / "deaf", deaf.history)
-        paths = InputPaths(corpus, fit, embed, data("train", name), folder / "deaf")
+        (folder / "without_speech").mkdir()
+        without_speech.save(folder / "without_speech", without_speech.history)
+        paths = InputPaths(corpus, fit, embed, data("train", name), folder / "without_speech")
         work = parallel_map(partial(score_sound, paths), sounds, workspace.jobs, f"information {name}")
         figures = summarise(list(work), settings)
         (folder / "metrics.json").write_text(json.dumps(figures, indent=1))
-    deaf.resume.remove()
+    without_speech.resume.remove()
     flat = {
         f"{split}/{sound}/{key}": estimate["value"]
         for split, of_split in figures.items()
@@ -88,7 +88,7 @@ def run(workspace: Workspace, name: str) -> Report:
     return Report(metrics=flat, artifacts=[data("information", name, "metrics.json")])
 
 
-def _train_deaf(workspace: Workspace, name: str) -> TrainedMotion:
+def _train_without_speech(workspace: Workspace, name: str) -> TrainedMotion:
     """The model trained without speech: the input of its speech layers is constant."""
     settings = workspace.settings(f"model.{name}", MotionTaskSettings)
     speech = settings.speech.model_copy(update={"channels": ()})
@@ -99,7 +99,7 @@ def _train_deaf(workspace: Workspace, name: str) -> TrainedMotion:
     model = workspace.data("train", name)
     return train_motion(
         workspace,
-        f"{name}_deaf",
+        f"{name}_without_speech",
         settings.model_copy(update={"speech": speech}),
         seed,
         getattr(_load(model).network.gaze, "codebook", None),
@@ -113,11 +113,11 @@ def summarise(found: Sequence[SoundLikelihoods], settings: ValidateSettings) -> 
     figures: Figures = {}
     for split in SPLITS:
         of_split = [each for each in found if each.split == split]
-        deaf = [each.deaf for each in of_split]
+        without_speech = [each.without_speech for each in of_split]
         for sound in ("own", "other"):
-            heard = [likelihood for each in of_split if (likelihood := getattr(each, sound)) is not None]
-            if heard:
-                estimates = information(heard, deaf, settings.bootstrap)
+            scored = [likelihood for each in of_split if (likelihood := getattr(each, sound)) is not None]
+            if scored:
+                estimates = information(scored, without_speech, settings.bootstrap)
                 figures.setdefault(split, {})[sound] = {key: asdict(value) for key, value in estimates.items()}
     return figures
 
@@ -125,13 +125,13 @@ def summarise(found: Sequence[SoundLikelihoods], settings: ValidateSettings) -> 
 def score_sound(paths: InputPaths, sound: SoundGroup) -> SoundLikelihoods:
     """Likelihoods of the fitted motion of one sound."""
     recording, *others = Recordings([sound.clip, *sound.others], paths.fit, paths.embed)
-    heard = np.array(recording.speech)
-    other = np.resize(others[0].speech, heard.shape) if others else None
+    speech = np.array(recording.speech)
+    other = np.resize(others[0].speech, speech.shape) if others else None
     return SoundLikelihoods(
         sound.clip.split,
-        _score(paths, paths.hearing, recording, heard),
-        None if other is None else _score(paths, paths.hearing, recording, other),
-        _score(paths, paths.deaf, recording, heard),
+        _score(paths, paths.model, recording, speech),
+        None if other is None else _score(paths, paths.model, recording, other),
+        _score(paths, paths.without_speech, recording, speech),
     )
 
 

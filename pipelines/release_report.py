@@ -93,7 +93,7 @@ def _information(workspace: Workspace, name: str) -> dict[str, Any]:
     """Information that speech gives the model about the sealed motion; its twin is that of the stage `information`."""
     settings, data = workspace.settings("validate", ValidateSettings), workspace.data
     corpus, fitted, features = workspace.corpus, data("fit"), data("embed")
-    twin = RELEASE.resolve() / "data/information" / name / "deaf"
+    twin = RELEASE.resolve() / "data/information" / name / "without_speech"
     paths = information.InputPaths(corpus, fitted, features, data("train", name), twin)
     sounds = group_sounds(Corpus(corpus), fitted, features, (SPLIT,), 1, settings.seed)
     found = list(parallel_map(partial(information.score_sound, paths), sounds, workspace.jobs, f"information {name}"))

@@ -222,12 +222,12 @@ def test_listener_motion_depends_on_partner_speech(tmp_path: Path) -> None:
     assert history[-1]["loss/total"] < history[0]["loss/total"]
     silence = torch.zeros(60, CHANNELS)
     talks = ConditioningInputs(partner=torch.randn(1, 60, CHANNELS))
-    alone, heard = (task.module.generate(silence, [1], 1.0, each) for each in (NO_CONDITIONING, talks))
+    alone, conditioned = (task.module.generate(silence, [1], 1.0, each) for each in (NO_CONDITIONING, talks))
     nobody = task.module.generate(
         silence, [1], 1.0, ConditioningInputs(partner=torch.full((1, 60, CHANNELS), torch.nan))
     )
-    assert (alone.head - heard.head).abs().max() > 1e-4
-    assert (alone.gaze - heard.gaze).abs().max() > 1e-4
+    assert (alone.head - conditioned.head).abs().max() > 1e-4
+    assert (alone.gaze - conditioned.gaze).abs().max() > 1e-4
     assert torch.equal(alone.gaze, nobody.gaze)
 
 
@@ -254,19 +254,19 @@ def start(changes: dict[str, Any], other: checkpoint.Checkpoint | None = None) -
 
 
 def test_model_with_sound_starts_as_tokenizer_and_learns_to_use_sound() -> None:
-    deaf = start({"channels": []})
+    unconditional = start({"channels": []})
     speech, other = (torch.randn(50, CHANNELS) for _ in range(2))
-    train(deaf, deaf.settings.loop, "prior")
-    assert torch.equal(deaf.module.generate(speech, [1]).gaze, deaf.module.generate(other, [1]).gaze)
-    prior = checkpoint.Checkpoint({}, deaf.module.state_dict())
+    train(unconditional, unconditional.settings.loop, "prior")
+    assert torch.equal(unconditional.module.generate(speech, [1]).gaze, unconditional.module.generate(other, [1]).gaze)
+    prior = checkpoint.Checkpoint({}, unconditional.module.state_dict())
     tied = start({"channels": None}, prior)
     tied.module.eval()
     with torch.no_grad():
-        at_first, before = (each.module.generate(speech, [1], 1.0) for each in (tied, deaf))
+        at_first, before = (each.module.generate(speech, [1], 1.0) for each in (tied, unconditional))
     torch.testing.assert_close(at_first.gaze, before.gaze, atol=1e-5, rtol=1e-4)
     torch.testing.assert_close(at_first.head, before.head, atol=1e-5, rtol=1e-4)
     train(tied, tied.settings.loop, "tied")
-    heard = [tied.module.generate(each, [1], 1.0).gaze for each in (speech, other)]
-    assert (heard[0] - heard[1]).abs().max() > 1e-6
+    conditioned = [tied.module.generate(each, [1], 1.0).gaze for each in (speech, other)]
+    assert (conditioned[0] - conditioned[1]).abs().max() > 1e-6
     with pytest.raises(InputError, match=r"^init_from: should be a model of the same parts"):
         start({"channels": None, "width": 16}, prior)

@@ -175,8 +175,8 @@ class TestFaceModel:
             optimiser.step()
             totals.append(loss_terms["total"].item())
         assert totals[-1] < totals[0]
-        heard = [made.speech, made.style] if made.style else [made.speech]
-        assert all(any(each.grad.abs().sum() > 0 for each in part.parameters()) for part in heard)
+        inputs = [made.speech, made.style] if made.style else [made.speech]
+        assert all(any(each.grad.abs().sum() > 0 for each in part.parameters()) for part in inputs)
 
     def test_a_face_is_finite_at_any_length_and_the_same_for_a_seed(self, name: str) -> None:
         made = face_network(name)

@@ -76,10 +76,10 @@ class ProsodicEncoder:
         spoken = prosody(levelled, fps, self._settings.prosody)
         # Unvoiced frames get the reference pitch; `voicing` marks them.
         octaves = np.nan_to_num(np.log2(spoken.f0_hz / F0_REFERENCE_HZ))
-        heard = np.stack([spoken.energy_dbfs, octaves, spoken.voicing], axis=1)
-        times_s = np.arange(len(heard)) / fps
+        levels = np.stack([spoken.energy_dbfs, octaves, spoken.voicing], axis=1)
+        times_s = np.arange(len(levels)) / fps
         boundaries = boundary_channels(detect_speech(levelled).speaking, times_s)
-        appended = np.concatenate([heard, boundaries], axis=1).astype(np.float32)
+        appended = np.concatenate([levels, boundaries], axis=1).astype(np.float32)
         return np.concatenate([self._family(levelled, fps), appended], axis=1)
 
 

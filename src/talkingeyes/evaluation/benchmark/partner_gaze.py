@@ -2,8 +2,9 @@
 
 The aversion curve is the fraction of speech onsets (offsets) at which gaze is averted, as a function of the lag. People
 tend to begin to speak with gaze averted and to finish with gaze at the partner (Kendon 1967; Ho, Foulsham & Kingstone
-2015). The effect is weak: below some 400 onsets the curve is noise. Onsets in the first two seconds of a clip are left
-out: clips begin alike, with silence and then speech, so that motion under any other sound shows part of the effect.
+2015). The effect is weak: below MIN_EVENTS the curve is noise. Onsets in the first two seconds of a clip are left out:
+recordings begin alike, with silence and then speech, so that motion under any other sound shows part of the effect.
+Speech that lasts until the end of the clip has no offset there.
 """
 
 from __future__ import annotations
@@ -58,6 +59,7 @@ def extract_aversion_curves(behaviour: Behaviour) -> Sums:
     start = [span.start_s for span, gap in zip(spans, apart[:-1], strict=False) if gap >= MIN_PAUSE_S]
     start = [time_s for time_s in start if time_s >= FIRST_ONSET_S]
     end = [span.end_s for span, gap in zip(spans, apart[1:], strict=False) if gap >= MIN_PAUSE_S]
+    end = [time_s for time_s in end if time_s <= len(behaviour) / behaviour.fps - MIN_PAUSE_S]
     onset, offset = (_around(behaviour, np.array(times)) for times in (start, end))
     return {
         "onset.speech_onsets": len(start),

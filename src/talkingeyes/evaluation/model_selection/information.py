@@ -32,21 +32,21 @@ class ClipLikelihood:
 
 
 def information(
-    hearing: Sequence[ClipLikelihood], deaf: Sequence[ClipLikelihood], settings: BootstrapSettings
+    with_speech: Sequence[ClipLikelihood], without_speech: Sequence[ClipLikelihood], settings: BootstrapSettings
 ) -> dict[str, Estimate]:
     """Information of speech about the same clips: `total`, that of each part, and of each term.
 
-    `deaf` may hold more clips.
+    `without_speech` may hold more clips.
     """
-    without = {each.clip: each for each in deaf}
-    speakers = sorted({each.speaker for each in hearing})
+    twin = {each.clip: each for each in without_speech}
+    speakers = sorted({each.speaker for each in with_speech})
     seconds = np.zeros(len(speakers))
     gained: dict[str, np.ndarray] = {}
-    for each in hearing:
+    for each in with_speech:
         row = speakers.index(each.speaker)
         seconds[row] += each.seconds
         for term, value in each.terms.items():
-            gained.setdefault(term, np.zeros(len(speakers)))[row] += value - without[each.clip].terms[term]
+            gained.setdefault(term, np.zeros(len(speakers)))[row] += value - twin[each.clip].terms[term]
     parts = {part: [of for term, of in gained.items() if term.startswith(f"{part}_")] for part in PARTS}
     sums = {part: np.sum(of, axis=0) for part, of in parts.items() if of}
     figures = {"total": np.sum(list(sums.values()), axis=0), **sums, **gained}

@@ -34,8 +34,8 @@ def report_summary(
     cells = [["", INFORMATION, *(title for title, _, _ in COLUMNS), MET]]
     for name in order_rows(gaze):
         known = information_on_unseen(informed.get(name))
-        heard = "" if known is None else f"{known:.2f}"
-        cells.append([TITLES.get(name, name), heard, *_figures(rows[name]), _met(required[name])])
+        information = "" if known is None else f"{known:.2f}"
+        cells.append([TITLES.get(name, name), information, *_figures(rows[name]), _met(required[name])])
     widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
     table = ["  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])]) for line in cells]
     missed = [each for each in upstream if not each.is_met]
