@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 from toy_people import ANNOTATION, ToyPerson, people
 
+from talkingeyes.audio.annotation import Annotation, Span
+from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.benchmark import comparison as tallies
+from talkingeyes.evaluation.benchmark import partner_gaze
 from talkingeyes.evaluation.benchmark.behaviour import behaviour, with_references
 from talkingeyes.evaluation.benchmark.comparison import Accumulator, Comparison, bootstrap_weights, extract
 from talkingeyes.evaluation.benchmark.metric import Bins
@@ -160,6 +163,35 @@ def test_few_clips_are_reported_as_too_few(true, reference):
     found = rows(true[:2], reference, paired=False)
     assert found["speech_onset/rise"].reason.startswith("needs 350 speech onsets: the motions have")
     assert found["eye/vergence"].reason == "needs 1500 frames: the motions have 600"
+
+
+def test_events_at_the_edges_of_a_clip_are_no_events():
+    annotation = Annotation(
+        speaking=(Span(0.0, 1.0), Span(1.1, 2.5), Span(3.0, 4.0), Span(7.0, 10.0)),
+        listening=(Span(4.0, 7.0), Span(9.9, 10.0)),
+        pauses=(Span(2.5, 3.0, "hesitation"), Span(0.0, 0.1, "hesitation"), Span(8.0, 8.2, "comma")),
+        fillers=(Span(8.4, 8.6),),
+    )
+    assert partner_gaze.event_times(annotation, 10.0) == {
+        "onset": [3.0, 7.0],
+        "offset": [2.5, 4.0],
+        "turn_start": [7.0],
+        "turn_end": [4.0],
+        "hesitation": [2.5],
+        "filler": [8.4],
+    }
+
+
+def test_gaze_that_leaves_at_starts_and_returns_at_ends_of_turns_is_measured(reference):
+    annotation = Annotation(speaking=(Span(0.0, 4.0), Span(8.0, 12.0)), listening=(Span(4.0, 8.0),))
+    times_s = np.arange(300) / 25.0
+    away_rad = np.radians(15.0) * ((times_s < 4.2) & (times_s > 1.8) | (times_s > 7.6) & (times_s < 10.0))
+    gaze = rotation.angles_to_gaze(np.repeat(np.stack([away_rad, np.zeros(300)], axis=-1)[:, None], 2, axis=1))
+    motion = behaviour(25.0, {"head": np.zeros((300, 3)), "gaze": gaze}, None, annotation)
+    found = rows([motion] * 60, reference, paired=False)
+    assert found["turn_start/rise"].value.value == pytest.approx(1.0, abs=0.05)
+    assert found["turn_end/rise"].value.value == pytest.approx(-1.0, abs=0.05)
+    assert found["hesitation/rise"].reason == "needs 350 hesitations: the motions have 0"
 
 
 def test_nan_frames_are_invalid_and_not_counted():

@@ -1,14 +1,16 @@
 """Metrics of gaze at the partner and gaze aversion: amount, duration, and timing relative to speech.
 
-The aversion curve is the fraction of speech onsets (offsets) at which gaze is averted, as a function of the lag. People
-tend to begin to speak with gaze averted and to finish with gaze at the partner (Kendon 1967; Ho, Foulsham & Kingstone
-2015). The effect is weak: below MIN_EVENTS the curve is noise. Onsets in the first two seconds of a clip are left out:
-recordings begin alike, with silence and then speech, so that motion under any other sound shows part of the effect.
-Speech that lasts until the end of the clip has no offset there.
+The aversion curve is the fraction of events at which gaze is averted, as a function of the lag; events are onsets and
+offsets of speech, starts and ends of the speaker's turns, silent hesitations and fillers. People tend to begin to speak
+with gaze averted, to avert it when they hesitate, and to finish with gaze at the partner (Kendon 1967; Ho, Foulsham &
+Kingstone 2015). At onsets and offsets the effect is weak: below MIN_EVENTS the curve is noise. Onsets in the first two
+seconds of a clip are left out: recordings begin alike, with silence and then speech, so that motion under any other
+sound shows part of the effect. Where a clip begins or ends within speech, a turn or a pause is no event.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from functools import partial
 from itertools import pairwise
 
@@ -16,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.audio.annotation import Annotation
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
 from talkingeyes.evaluation.benchmark.metric import Bins, Extractor, Metric, Sums, Totals, ratio, safe_divide
 
@@ -23,11 +26,21 @@ LAGS_S = np.arange(-20, 21) / 10
 DURATION_BINS_S = Bins(0.0, 8.0, 80)
 # Speaking spans with a shorter gap between them count as one.
 MIN_PAUSE_S = 0.25
-MIN_EVENTS = 350
+MIN_EVENTS, MIN_TURNS = 350, 60
+# Kinds of events and the unit of their counts.
+EVENTS = {
+    "onset": "speech_onsets",
+    "offset": "speech_offsets",
+    "turn_start": "turn_starts",
+    "turn_end": "turn_ends",
+    "hesitation": "hesitations",
+    "filler": "fillers",
+}
 FIRST_ONSET_S = 2.0
-# Windows of lags in seconds: before, around and after onsets; before and after offsets.
+# Windows of lags in seconds: before, around and after onsets; before and after offsets; at ends of turns and in pauses.
 BEFORE_ONSET_S, AT_ONSET_S, AFTER_ONSET_S = (-2.0, -1.4), (-0.3, 0.7), (1.4, 2.0)
 BEFORE_OFFSET_S, AFTER_OFFSET_S, AT_OFFSET_S = (-1.0, 0.0), (0.4, 1.2), (-0.4, 0.0)
+AFTER_TURN_S, IN_PAUSE_S = (0.4, 1.4), (0.2, 0.8)
 
 
 def extract_states(behaviour: Behaviour) -> Sums:
@@ -51,23 +64,33 @@ def extract_states(behaviour: Behaviour) -> Sums:
 
 
 def extract_aversion_curves(behaviour: Behaviour) -> Sums:
-    """Averted and counted frames around speech onsets and offsets, by lag."""
+    """Averted and counted frames around each kind of event, by lag."""
     assert behaviour.annotation is not None
-    spans = behaviour.annotation.speaking
+    sums: dict[str, float | ndarray] = {}
+    for event, times_s in event_times(behaviour.annotation, len(behaviour) / behaviour.fps).items():
+        averted, counted = _around(behaviour, np.array(times_s))
+        sums |= {f"{event}.{EVENTS[event]}": len(times_s), f"{event}.averted": averted, f"{event}.counted": counted}
+    return sums
+
+
+def event_times(annotation: Annotation, seconds: float) -> dict[str, list[float]]:
+    """Times in seconds of the events of a clip, by the names of EVENTS."""
+    spans = annotation.speaking
     gaps = [after.start_s - before.end_s for before, after in pairwise(spans)]
     apart = [np.inf, *gaps, np.inf]
-    start = [span.start_s for span, gap in zip(spans, apart[:-1], strict=False) if gap >= MIN_PAUSE_S]
-    start = [time_s for time_s in start if time_s >= FIRST_ONSET_S]
-    end = [span.end_s for span, gap in zip(spans, apart[1:], strict=False) if gap >= MIN_PAUSE_S]
-    end = [time_s for time_s in end if time_s <= len(behaviour) / behaviour.fps - MIN_PAUSE_S]
-    onset, offset = (_around(behaviour, np.array(times)) for times in (start, end))
+    starts = [span.start_s for span, gap in zip(spans, apart[:-1], strict=False) if gap >= MIN_PAUSE_S]
+    ends = [span.end_s for span, gap in zip(spans, apart[1:], strict=False) if gap >= MIN_PAUSE_S]
+
+    def inside(times_s: Iterable[float]) -> list[float]:
+        return [time_s for time_s in times_s if MIN_PAUSE_S <= time_s <= seconds - MIN_PAUSE_S]
+
     return {
-        "onset.speech_onsets": len(start),
-        "onset.averted": onset[0],
-        "onset.counted": onset[1],
-        "offset.speech_offsets": len(end),
-        "offset.averted": offset[0],
-        "offset.counted": offset[1],
+        "onset": [time_s for time_s in starts if time_s >= FIRST_ONSET_S],
+        "offset": [time_s for time_s in ends if time_s <= seconds - MIN_PAUSE_S],
+        "turn_start": inside(span.end_s for span in annotation.listening),
+        "turn_end": inside(span.start_s for span in annotation.listening),
+        "hesitation": inside(span.start_s for span in annotation.pauses if span.label == "hesitation"),
+        "filler": inside(span.start_s for span in annotation.fillers),
     }
 
 
@@ -95,18 +118,15 @@ CURVES = Extractor(
     extract_aversion_curves,
     ("head", "gaze", "annotation"),
     {
-        "onset.speech_onsets": 1,
-        "onset.averted": len(LAGS_S),
-        "onset.counted": len(LAGS_S),
-        "offset.speech_offsets": 1,
-        "offset.averted": len(LAGS_S),
-        "offset.counted": len(LAGS_S),
+        f"{event}.{key}": size
+        for event, unit in EVENTS.items()
+        for key, size in ((unit, 1), ("averted", len(LAGS_S)), ("counted", len(LAGS_S)))
     },
 )
 
 
 def aversion_curve(totals: Totals, event: str) -> Float[ndarray, "D L"]:
-    """Fraction averted at each lag around `event` (onset or offset)."""
+    """Fraction averted at each lag around `event`, of EVENTS."""
     return safe_divide(totals[f"{event}.averted"], totals[f"{event}.counted"])
 
 
@@ -131,8 +151,16 @@ def _shape(totals: Totals, other: Totals, event: str) -> Float[ndarray, " D"]:
 
 
 _state = partial(Metric, extractor=STATES, source="Argyle & Cook 1976; Kendon 1967")
-_onset = partial(Metric, extractor=CURVES, count_key="onset.speech_onsets", min_count=MIN_EVENTS)
-_offset = partial(Metric, extractor=CURVES, count_key="offset.speech_offsets", min_count=MIN_EVENTS)
+
+
+def _around_event(event: str, min_count: int) -> Callable[..., Metric]:
+    """Metric of the curve around one kind of event."""
+    return partial(Metric, extractor=CURVES, count_key=f"{event}.{EVENTS[event]}", min_count=min_count)
+
+
+_onset, _offset = (_around_event(event, MIN_EVENTS) for event in ("onset", "offset"))
+_turn_start, _turn_end = (_around_event(event, MIN_TURNS) for event in ("turn_start", "turn_end"))
+_hesitation, _filler = (_around_event(event, MIN_EVENTS) for event in ("hesitation", "filler"))
 
 METRICS = (
     _state(
@@ -258,5 +286,71 @@ METRICS = (
         direction="higher",
         source="Kendon 1967",
         caveat="as for onsets",
+    ),
+    _turn_start(
+        "turn_start/rise",
+        "averted at starts of turns, rise",
+        "fraction",
+        "fraction averted from -0.3 to 0.7 s around ends of the partner's turns less that from -2 to -1.4 s",
+        compute=partial(_change, event="turn_start", to=AT_ONSET_S, base=BEFORE_ONSET_S),
+        source="Kendon 1967; Ho, Foulsham & Kingstone 2015",
+        caveat="needs the partner's turns",
+    ),
+    _turn_start(
+        "turn_start/shape",
+        "shape of the aversion curve at starts of turns",
+        "correlation",
+        "correlation of the curve with that of the reference over lags of -2 to 2 s",
+        compare=partial(_shape, event="turn_start"),
+        direction="higher",
+        source="Ho, Foulsham & Kingstone 2015",
+        caveat="as for onsets",
+    ),
+    _turn_end(
+        "turn_end/rise",
+        "averted at ends of turns, rise",
+        "fraction",
+        "fraction averted from 0.4 to 1.4 s after starts of the partner's turns less that from -2 to -1.4 s",
+        compute=partial(_change, event="turn_end", to=AFTER_TURN_S, base=BEFORE_ONSET_S),
+        source="Kendon 1967; Ho, Foulsham & Kingstone 2015",
+        caveat="negative in people, who return to the partner; needs the partner's turns",
+    ),
+    _turn_end(
+        "turn_end/shape",
+        "shape of the aversion curve at ends of turns",
+        "correlation",
+        "correlation of the curve with that of the reference over lags of -2 to 2 s",
+        compare=partial(_shape, event="turn_end"),
+        direction="higher",
+        source="Ho, Foulsham & Kingstone 2015",
+        caveat="as for onsets",
+    ),
+    _hesitation(
+        "hesitation/rise",
+        "averted in silent hesitations, rise",
+        "fraction",
+        "fraction averted from 0.2 to 0.8 s after silent hesitations begin less that from -2 to -1.4 s",
+        compute=partial(_change, event="hesitation", to=IN_PAUSE_S, base=BEFORE_ONSET_S),
+        source="Kendon 1967",
+        caveat="needs pauses labelled as hesitations",
+    ),
+    _hesitation(
+        "hesitation/shape",
+        "shape of the aversion curve at hesitations",
+        "correlation",
+        "correlation of the curve with that of the reference over lags of -2 to 2 s",
+        compare=partial(_shape, event="hesitation"),
+        direction="higher",
+        source="Kendon 1967",
+        caveat="as for onsets",
+    ),
+    _filler(
+        "filler/rise",
+        "averted at fillers, rise",
+        "fraction",
+        "fraction averted from 0.2 to 0.8 s after fillers begin less that from -2 to -1.4 s",
+        compute=partial(_change, event="filler", to=IN_PAUSE_S, base=BEFORE_ONSET_S),
+        source="Jehoul et al.: fillers do not reliably come with averted gaze",
+        caveat="needs labelled fillers",
     ),
 )
