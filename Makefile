@@ -99,9 +99,13 @@ packaged-models: setup  ## Put trained default models into the package: those of
 	$(BIN)/talkingeyes pack $(models)/talkingeyes_events -o src/talkingeyes/animation/assets/talkingeyes.safetensors --half-precision --force
 	$(BIN)/talkingeyes pack $(models)/talkingeyes_live -o src/talkingeyes/animation/assets/talkingeyes_live.safetensors --no-face --half-precision --force
 
-release-models: setup  ## Train the packaged models at the paper's size: two hours of two cores; goes on where it was killed
-	for target in information@talkingeyes_events information@talkingeyes_live train@probtalk3d train@random train@similar critic; do \
-		$(BIN)/python -m pipelines.experiment experiment=release_models target=$$target || exit $$?; done
+# Two models train at once, each in a workspace of its own, with one store of results.
+RELEASE = $(BIN)/python -m pipelines.experiment experiment=release_models result_store=build/release/store
+release-models: setup  ## Train the packaged models on 20 hours of seven languages; goes on where it was killed
+	for target in critic train@random train@similar train@untrained; do $(RELEASE) target=$$target || exit $$?; done
+	$(RELEASE) target=information@talkingeyes_live workspace=build/release/live & live=$$!; \
+		$(RELEASE) target=information@talkingeyes_events && wait $$live
+	for target in information@talkingeyes_live train@probtalk3d; do $(RELEASE) target=$$target || exit $$?; done
 	$(MAKE) --no-print-directory packaged-models models=build/release/data/train
 
 release-report: setup  ## Measure the release models on a sealed corpus; appends to docs/releases.md

@@ -11,32 +11,38 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from datetime import date
 from functools import partial
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from pipelines import embed, evaluate, fit, information, sample, synthesize
 from talkingeyes.animation.model_file import ASSETS
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
-from talkingeyes.corpus.sound_groups import group_sounds
+from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus
+from talkingeyes.evaluation.benchmark.corr import TITLES as CORR_TITLES
 from talkingeyes.evaluation.benchmark.table import from_json
-from talkingeyes.evaluation.model_selection.information import information_table
+from talkingeyes.evaluation.bootstrap import bootstrap, mean_statistic
+from talkingeyes.evaluation.critic.evaluators import Evaluators
+from talkingeyes.evaluation.model_selection.information import COLUMNS, information_table
 from talkingeyes.evaluation.model_selection.validation_metrics import ValidateSettings
 from talkingeyes.evaluation.paper_metrics.requirements import model_requirements, model_requirements_table
-from talkingeyes.evaluation.paper_metrics.table3 import TITLES
+from talkingeyes.evaluation.paper_metrics.table3 import TITLES, markdown_row
 from talkingeyes.orchestration.config import compose, write_params
 from talkingeyes.orchestration.mlflow_logging import revision
 from talkingeyes.orchestration.run import SEAL, Workspace, parallel_map, run_command
 
 RELEASE, SEALED, PAGE = Path("build/release"), Path("build/sealed"), Path("docs/releases.md")
 REFERENCES = ("truth", "fitted", "mismatched")
-BASELINES = ("random", "similar")
+BASELINES = ("random", "similar", "untrained")
 MODELS = ("talkingeyes_events", "talkingeyes_live")
 SPLIT = "unseen"
+CORR_PARTS = ("head", "gaze_in_space")
 
 
 def run() -> None:
@@ -55,12 +61,15 @@ def run() -> None:
     benchmarks = {
         name: from_json(json.loads(workspace.data("evaluate", name, "benchmark.json").read_text())) for name in rows
     }
-    informed = {name: _information(workspace, name) for name in MODELS}
+    sounds, likelihoods = _sounds(workspace), {name: _likelihoods(workspace, name) for name in MODELS}
+    settings = workspace.settings("validate", ValidateSettings)
+    informed = {name: information.summarise(found, settings) for name, found in likelihoods.items()}
+    languages = _language_table(workspace, sounds, likelihoods[MODELS[0]], settings)
     required = {
         name: [each for each in model_requirements(rows, benchmarks, name) if not each.name.startswith("test:")]
         for name in rows
     }
-    section = _section(model_requirements_table(required), information_table(informed, TITLES))
+    section = _section(model_requirements_table(required), information_table(informed, TITLES), languages)
     with atomic_write(PAGE) as path:
         path.write_text(PAGE.read_text() + section)
     print(section)
@@ -89,18 +98,49 @@ def _link(workspace: Workspace, *parts: str) -> None:
     place.symlink_to((RELEASE / "data").joinpath(*parts).resolve())
 
 
-def _information(workspace: Workspace, name: str) -> dict[str, Any]:
-    """Information that speech gives the model about the sealed motion; its twin is that of the stage `information`."""
-    settings, data = workspace.settings("validate", ValidateSettings), workspace.data
-    corpus, fitted, features = workspace.corpus, data("fit"), data("embed")
+def _sounds(workspace: Workspace) -> list[SoundGroup]:
+    data, seed = workspace.data, workspace.settings("validate", ValidateSettings).seed
+    return group_sounds(Corpus(workspace.corpus), data("fit"), data("embed"), (SPLIT,), 1, seed)
+
+
+def _likelihoods(workspace: Workspace, name: str) -> list[information.SoundLikelihoods]:
+    """Likelihoods of the sealed motion under a model and its twin, which is that of the stage `information`."""
+    data = workspace.data
     twin = RELEASE.resolve() / "data/information" / name / "without_speech"
-    paths = information.InputPaths(corpus, fitted, features, data("train", name), twin)
-    sounds = group_sounds(Corpus(corpus), fitted, features, (SPLIT,), 1, settings.seed)
-    found = list(parallel_map(partial(information.score_sound, paths), sounds, workspace.jobs, f"information {name}"))
-    return information.summarise(found, settings)
+    paths = information.InputPaths(workspace.corpus, data("fit"), data("embed"), data("train", name), twin)
+    score = partial(information.score_sound, paths)
+    return list(parallel_map(score, _sounds(workspace), workspace.jobs, f"information {name}"))
 
 
-def _section(requirements: str, informed: str) -> str:
+def _language_table(
+    workspace: Workspace,
+    sounds: Sequence[SoundGroup],
+    likelihoods: Sequence[information.SoundLikelihoods],
+    settings: ValidateSettings,
+) -> str:
+    """The default model by language: information, and Corr. under the own sound less that under other sounds."""
+    data, name = workspace.data, MODELS[0]
+    critic = data("critic")
+    paths = evaluate.InputPaths(
+        name, workspace.corpus, data("fit"), data("embed"), critic, data("sample", name), benchmark_samples=1
+    )
+    measure = partial(evaluate.evaluate_sound, paths, Evaluators.load(critic))
+    evaluated = list(parallel_map(measure, sounds, workspace.jobs, "languages"))
+    headings = ["", "sounds", *COLUMNS, *(f"Corr. advantage: {CORR_TITLES[part]}" for part in CORR_PARTS)]
+    lines = [markdown_row(headings), markdown_row(["---"] * len(headings))]
+    for language in sorted({sound.clip.language for sound in sounds}):
+        rows = [index for index, sound in enumerate(sounds) if sound.clip.language == language]
+        of_language = information.summarise([likelihoods[index] for index in rows], settings)[SPLIT]["own"]
+        found = [one.figures for index in rows if (one := evaluated[index]) is not None]
+        advantages = [np.array([each[part].corr - each[part].corr_shuffled for each in found]) for part in CORR_PARTS]
+        ties = [bootstrap(mean_statistic(each), len(each), settings.bootstrap) for each in advantages]
+        estimates = [*(of_language[column] for column in COLUMNS), *map(asdict, ties)]
+        cells = ["{value:.2f} ({low:.2f} to {high:.2f})".format(**each) for each in estimates]
+        lines.append(markdown_row([language, str(len(rows)), *cells]))
+    return "\n".join(lines)
+
+
+def _section(requirements: str, informed: str, languages: str) -> str:
     files = "\n".join(
         f"- `{path.name}`: sha256 `{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}`"
         for path in sorted(ASSETS.iterdir())
@@ -119,6 +159,12 @@ Sealed corpus: sha256 of its index `{corpus}`.
 ### Information that speech gives about motion, nats per second
 
 {informed}
+
+### `talkingeyes_events` by language
+
+Information in nats per second; Corr. under a sound's own samples less that under other sounds of the speaker.
+
+{languages}
 
 ### Requirements
 
