@@ -741,6 +741,14 @@ WAVE_HEIGHTS = """(() => {
     const columns = Array.from({ length: width }, (_, x) => column(x).filter(Boolean).length);
     return [Math.max(...columns.slice(0, 0.3 * width)), Math.max(...columns.slice(0.4 * width))];
 })()"""
+SENT = """(() => {
+    const send = WebSocket.prototype.send;
+    window.sent = [];
+    WebSocket.prototype.send = function (data) {
+        if (typeof data === "string") sent.push(data);
+        return send.call(this, data);
+    };
+})()"""
 REQUESTED = "performance.getEntriesByType('resource').filter((each) => each.name.includes('performances?'))"
 
 
@@ -857,6 +865,12 @@ class TestPage:
             browser.wait_for("document.body.dataset.state === 'live'")
             browser.wait_for("document.getElementById('level').value > -45")
             browser.wait_for("Number(document.body.dataset.frames) > 25")
+            browser.value(SENT)
+            browser.value("document.getElementById('state').value = 'thinking'")
+            browser.value("document.getElementById('state').dispatchEvent(new Event('change', {bubbles: true}))")
+            assert json.loads(browser.value("sent.join()"))["set"]["state"] == "thinking"
+            frames = browser.value("Number(document.body.dataset.frames)")
+            browser.wait_for(f"Number(document.body.dataset.frames) > {frames + 25}")
             browser.value("document.getElementById('record').click()")
             browser.wait_for(PLAYING)
             assert browser.value("document.getElementById('level').hidden")

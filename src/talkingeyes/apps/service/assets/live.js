@@ -51,7 +51,7 @@ function wireControls(form) {
   form.onchange = ({ target }) => {
     form.intensity.disabled = form.emotion?.value === "neutral";
     if (recording) recording.set(changeable());
-    else if (!["face", "keep", "rate"].includes(target.id)) perform();
+    else if (!["face", "keep", "rate", "state"].includes(target.id)) perform();
   };
   $("seek").oninput = () => ($("sound").currentTime = $("seek").value);
   $("view").onchange = ({ target }) => stage.look(target.value);
@@ -137,7 +137,7 @@ function requested() {
 // What can be changed while a recording runs.
 function changeable() {
   const { head_liveliness, gaze_liveliness, eye_contact = null } = requested();
-  return { head_liveliness, gaze_liveliness, eye_contact };
+  return { head_liveliness, gaze_liveliness, eye_contact, state: $("state").value || null };
 }
 
 // A new sound, from its beginning.
@@ -244,7 +244,7 @@ async function record() {
   $("record").disabled = true;
   try {
     $("sound").pause();
-    recording = await openRecording(requested(), { begun, heard, ended, failed });
+    recording = await openRecording({ ...requested(), ...changeable() }, { begun, heard, ended, failed });
     shown = null;
     bars = new Float32Array(LIVE_BARS);
     $("record").textContent = "Stop";
