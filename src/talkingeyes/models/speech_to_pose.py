@@ -31,6 +31,8 @@ from talkingeyes.models.speech_projection import SpeechProjection, SpeechProject
 
 # Number of stored poses per speaker at which a first window may start.
 START_POSES = 64
+# Frames that a window repeats of the window before: the last one, its initial pose.
+SHARED_FRAMES = 1
 
 
 class SpeechToPoseSettings(Settings):
@@ -106,11 +108,10 @@ class SpeechToPose(nn.Module):
         styles = torch.stack([self._style(style, each) for each in generators]).to(self.scale.device)
         pose = torch.stack([self._start(shares, each) for shares, each in zip(styles, generators, strict=True)])
         length = self.head.window or max(len(speech), 2)
-        for first in range(0, max(len(speech) - 1, 1), length - 1):
+        for first in range(0, max(len(speech) - SHARED_FRAMES, 1), length - SHARED_FRAMES):
             generated = self._window(speech[first : first + length], styles, pose, generators)
             pose = generated[:, -1]
-            # The first frame of each further window repeats the last one of the window before.
-            yield (generated[:, min(first, 1) :] * self.scale).cpu().numpy()
+            yield (generated[:, SHARED_FRAMES if first else 0 :] * self.scale).cpu().numpy()
 
     def sample(
         self, speech: Float[ndarray, "T C"], seeds: Sequence[int], style: Float[ndarray, " K"] | None

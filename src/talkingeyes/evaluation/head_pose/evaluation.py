@@ -48,7 +48,7 @@ from talkingeyes.evaluation.head_pose.movement import (
 from talkingeyes.evaluation.head_pose.one_class_svm import SVMSettings, acceptance_rates
 from talkingeyes.evaluation.head_pose.transfer import blend_styles, nearest_style
 from talkingeyes.evaluation.head_pose.windows import PoseWindows, pose_windows, sliding_windows
-from talkingeyes.models.speech_to_pose import SpeechToPose
+from talkingeyes.models.speech_to_pose import SHARED_FRAMES, SpeechToPose
 from talkingeyes.training.checkpoint import load
 from talkingeyes.training.loop import LoopSettings
 from talkingeyes.training.pose_generators import pose_network
@@ -105,7 +105,7 @@ def evaluate_models(sources: PoseInputPaths, seed: int) -> dict[str, Any]:
         "truth": {
             "jitter": jitter(true, poses.fps),
             "variety": clip_difference(true),
-            "seams": seam_speed_ratio(true, WINDOW_FRAMES - 1),
+            "seams": seam_speed_ratio(true, WINDOW_FRAMES, SHARED_FRAMES),
         },
         "rows": rows,
         "noise": _noise_metrics(posegan, data, test, true, classifier, seed),
@@ -175,10 +175,10 @@ def _motion_metrics(
 def _reference_free_metrics(network: SpeechToPose, generated: Sequence[Float[ndarray, "T 6"]]) -> dict[str, float]:
     """Metrics without reference; `pace` is in standard deviations of poses per frame."""
     pace = float(np.mean([np.diff(each, axis=0).std() for each in generated]))
-    hop = network.head.window - 1 if network.head.window else WINDOW_FRAMES
+    window, shared = (network.head.window, SHARED_FRAMES) if network.head.window else (WINDOW_FRAMES, 0)
     return {
         "jitter": jitter(generated, network.settings.poses.fps),
-        "seams": seam_speed_ratio(generated, hop),
+        "seams": seam_speed_ratio(generated, window, shared),
         "pace": pace,
     }
 

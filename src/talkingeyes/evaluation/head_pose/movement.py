@@ -42,11 +42,15 @@ def jitter(poses: Sequence[Float[ndarray, "T P"]], fps: float) -> float:
     return float(above / total) if total > 0 else 0.0
 
 
-def seam_speed_ratio(poses: Sequence[Float[ndarray, "T 6"]], hop: int) -> float:
-    """Speed of steps into a new window (every `hop` frames) relative to all other steps."""
+def seam_speed_ratio(poses: Sequence[Float[ndarray, "T 6"]], window: int, shared: int) -> float:
+    """Speed of steps into a new window relative to all other steps; NaN for motion of a single window.
+
+    Windows have `window` frames, of which the first `shared` repeat the last ones of the window before.
+    """
+    joins = np.s_[window - 1 :: window - shared]
     speed = [np.linalg.norm(np.diff(each, axis=0), axis=1) for each in poses]
-    at = np.concatenate([each[hop - 1 :: hop] for each in speed])
-    elsewhere = np.concatenate([np.delete(each, np.s_[hop - 1 :: hop]) for each in speed])
+    at = np.concatenate([each[joins] for each in speed])
+    elsewhere = np.concatenate([np.delete(each, joins) for each in speed])
     return float(at.mean() / max(elsewhere.mean(), 1e-12)) if len(at) else float("nan")
 
 
