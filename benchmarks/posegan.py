@@ -43,7 +43,7 @@ class Cost:
 def generated(model: SpeechToPose, speech: np.ndarray) -> Cost:
     """Generate and drop all windows."""
     start, peak_mib = time.process_time(), 0.0
-    for _ in model.stream(speech, [0], None):
+    for _ in model.stream(speech, [0], model.style_of(model.speakers[0])):
         peak_mib = max(peak_mib, own_mib())
     return Cost(time.process_time() - start, peak_mib)
 

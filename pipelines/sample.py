@@ -2,9 +2,9 @@
 
 Run: python -m pipelines.sample talkingeyes
 
-Reads: the corpus index, data/embed, data/train/<model>; the sound, for a model with a waveform encoder. A model with a
-speaker embedding is conditioned on the speaker (unseen speakers are replaced by a random training speaker per sound), a
-model with partner conditioning on the partner's speech; no reference clip is given.
+Reads: the corpus index, data/embed, data/train/<model>; the sound, for a model with a waveform encoder. A model that
+takes the speaker is given that of the clip (unseen speakers are replaced by a random training speaker per sound), a
+model with partner conditioning the partner's speech; no reference clip is given.
 
 Writes: data/sample/<model>/<shard>/<clip>.npz.
 """
@@ -34,7 +34,7 @@ def run(workspace: Workspace, name: str) -> Report:
         conditioning_paths = ConditioningPaths(Corpus(workspace.corpus), workspace.data("embed"))
         task = partial(_sample, workspace.data("train", name), conditioning_paths, folder, settings)
         frames = sum(parallel_map(task, clips, workspace.jobs, f"sample {name}"))
-    return Report(metrics={"clips": len(clips), "frames": frames})
+    return Report(metrics={"clips": float(len(clips)), "frames": float(frames)})
 
 
 @lru_cache(maxsize=1)

@@ -151,14 +151,14 @@ class TestHeads:
 
     def test_any_length_one_seed_alone_or_with_others(self, name: str) -> None:
         network = task(name).module
+        style = network.style_of("a")
         for frames in (1, 2, 7, 150):
             speech = np.random.default_rng(frames).standard_normal((frames, CHANNELS)).astype(np.float32)
-            many, one = network.sample(speech, [3, 4], None), network.sample(speech, [4], None)
+            many, one = network.sample(speech, [3, 4], style), network.sample(speech, [4], style)
             assert many.shape == (2, frames, 6)
             assert np.isfinite(many).all()
             np.testing.assert_allclose(many[1], one[0], atol=1e-5)
         if name not in SAME_FOR_ALL_SEEDS:
-            style = network.style_of("a")
             first, second = network.sample(speech, [0, 1], style)
             assert np.abs(first - second).max() > 1e-5
 
@@ -290,9 +290,10 @@ class TestChaining:
     def test_stream_equals_sampling(self) -> None:
         made = task("posegan").module
         speech = np.random.default_rng(0).standard_normal((200, CHANNELS)).astype(np.float32)
-        parts = list(made.stream(speech, [5], None))
+        style = made.style_of("a")
+        parts = list(made.stream(speech, [5], style))
         assert len(parts) == 4
-        np.testing.assert_array_equal(np.concatenate(parts, axis=1), made.sample(speech, [5], None))
+        np.testing.assert_array_equal(np.concatenate(parts, axis=1), made.sample(speech, [5], style))
 
 
 class Drift(torch.nn.Module):
@@ -317,7 +318,7 @@ class TestSeams:
     def test_a_jump_at_each_window_is_measured_and_steady_motion_is_not(self, jump: float) -> None:
         network = task("posegan").module
         network.head = Drift(jump)
-        parts = list(network.stream(np.zeros((4 * 63 + 1, CHANNELS), np.float32), [0], None))
+        parts = list(network.stream(np.zeros((4 * 63 + 1, CHANNELS), np.float32), [0], network.style_of("a")))
         assert [part.shape[1] for part in parts] == [64, 63, 63, 63]
         generated = np.concatenate(parts, axis=1)[0] / network.scale.numpy()
         found = _reference_free_metrics(network, [generated, generated])["seams"]
@@ -328,7 +329,8 @@ class TestSeams:
         network = task("head_random").module
         slow = 0.01 * torch.arange(64)[:, None].expand(64, 6)
         network.head.set_training_windows(TrainingWindows(torch.stack([slow, slow]), torch.zeros(2, 2 * CHANNELS)))
-        generated = network.sample(np.zeros((256, CHANNELS), np.float32), [0], None)[0] / network.scale.numpy()
+        speech = np.zeros((256, CHANNELS), np.float32)
+        generated = network.sample(speech, [0], network.style_of("a"))[0] / network.scale.numpy()
         assert _reference_free_metrics(network, [generated])["seams"] == pytest.approx(63.0, rel=1e-3)
 
     def test_one_window_has_no_seam(self) -> None:

@@ -92,9 +92,9 @@ class Animator:
         """The speakers that the model can be conditioned on; none if it is unconditional."""
         if isinstance(self.generator, NumpyMotionGenerator):
             return self.generator.speakers
-        from talkingeyes.animation.torch_generation import conditioning_speakers
+        from talkingeyes.training.motion_generators import training_speakers
 
-        return conditioning_speakers(self.generator)
+        return training_speakers(self.generator)
 
     def perform(
         self,

@@ -13,12 +13,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.models.condition.conditioner import ConditioningInputs
 from talkingeyes.training.conditioning import pad_or_trim
-from talkingeyes.training.motion_generators import TrainedGenerator, required_inputs, training_speakers
-
-
-def conditioning_speakers(generator: TrainedGenerator) -> tuple[str, ...]:
-    """The speakers that a model can be conditioned on; none if it is unconditional."""
-    return training_speakers(generator) if "speaker" in required_inputs(generator) else ()
+from talkingeyes.training.motion_generators import TrainedGenerator, required_inputs
 
 
 def sample_motion(

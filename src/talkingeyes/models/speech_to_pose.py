@@ -19,6 +19,7 @@ from torch import Tensor, nn
 
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.poses import PoseSettings
+from talkingeyes.models.condition.conditioner import ConditioningInputs, InputName
 from talkingeyes.models.head.discriminator import Discriminator, DiscriminatorSettings
 from talkingeyes.models.head.pose_generator import (
     POSE_GENERATORS,
@@ -61,6 +62,7 @@ class PoseBatch:
 class SpeechToPose(nn.Module):
     """The model. `scale` holds the standard deviation of each dimension, `start_poses` poses of the speakers."""
 
+    required_inputs: frozenset[InputName] = frozenset({"speaker"})
     scale: Tensor
     mean_pose: Tensor
     start_poses: Tensor
@@ -98,14 +100,11 @@ class SpeechToPose(nn.Module):
         return self.discriminator.loss_terms(batch.pose / self.scale, generated.detach(), batch.style)
 
     def stream(
-        self, speech: Float[ndarray, "T C"], seeds: Sequence[int], style: Float[ndarray, " K"] | None
+        self, speech: Float[ndarray, "T C"], seeds: Sequence[int], style: Float[ndarray, " K"]
     ) -> Iterator[Float[ndarray, "S U 6"]]:
-        """Centred poses, window by window: each starts at the last pose of the one before. Memory is constant.
-
-        Without a style, a random training speaker is used for each seed.
-        """
+        """Centred poses, window by window: each starts at the last pose of the one before. Memory is constant."""
         generators = [torch.Generator().manual_seed(int(seed)) for seed in seeds]
-        styles = torch.stack([self._style(style, each) for each in generators]).to(self.scale.device)
+        styles = torch.from_numpy(np.asarray(style, np.float32)).to(self.scale.device).expand(len(generators), -1)
         pose = torch.stack([self._start(shares, each) for shares, each in zip(styles, generators, strict=True)])
         length = self.head.window or max(len(speech), 2)
         for first in range(0, max(len(speech) - SHARED_FRAMES, 1), length - SHARED_FRAMES):
@@ -114,7 +113,7 @@ class SpeechToPose(nn.Module):
             yield (generated[:, SHARED_FRAMES if first else 0 :] * self.scale).cpu().numpy()
 
     def sample(
-        self, speech: Float[ndarray, "T C"], seeds: Sequence[int], style: Float[ndarray, " K"] | None
+        self, speech: Float[ndarray, "T C"], seeds: Sequence[int], style: Float[ndarray, " K"]
     ) -> Float[ndarray, "S T 6"]:
         """Centred poses at the frame rate of poses, one row per seed."""
         return np.concatenate(list(self.stream(speech, seeds, style)), axis=1)
@@ -122,6 +121,12 @@ class SpeechToPose(nn.Module):
     def style_of(self, speaker: str) -> Float[ndarray, " K"]:
         """The style of a training speaker."""
         return np.asarray(np.eye(len(self.speakers), dtype=np.float32)[self.speakers.index(speaker)])
+
+    def conditioning_style(self, conditioning: ConditioningInputs) -> Float[ndarray, " K"]:
+        """The style of the speaker of one window; without a speaker, all styles in equal parts."""
+        if conditioning.speaker is None or conditioning.speaker.item() < 0:
+            return np.full(len(self.speakers), 1 / len(self.speakers), np.float32)
+        return self.style_of(self.speakers[int(conditioning.speaker)])
 
     @torch.no_grad()
     def _window(
@@ -133,12 +138,6 @@ class SpeechToPose(nn.Module):
     ) -> Float[Tensor, "S T 6"]:
         part = torch.from_numpy(np.array(speech, np.float32)).to(styles.device).expand(len(generators), -1, -1)
         return self.head.sample(self.encode_speech(part, styles), start, generators)
-
-    def _style(self, style: Float[ndarray, " K"] | None, generators: torch.Generator) -> Float[Tensor, " K"]:
-        speaker_index = torch.randint(len(self.speakers), (1,), generator=generators)
-        if style is not None:
-            return torch.from_numpy(np.asarray(style, np.float32))
-        return torch.eye(len(self.speakers))[speaker_index[0]]
 
     def _start(self, style: Float[Tensor, " K"], generators: torch.Generator) -> Float[Tensor, " 6"]:
         """A random stored pose of the speaker with the largest weight; the paper starts at rest."""

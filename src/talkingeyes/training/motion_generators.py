@@ -149,12 +149,19 @@ class HeadThenCanonical:
 
 
 def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Checkpoint, gaze: Checkpoint) -> None:
-    """Write both models as one checkpoint. Raises InputError if the second has no gaze decoder."""
+    """Write both models as one checkpoint.
+
+    Raises InputError if the second has no gaze decoder, or if both are conditioned on the speaker and have others.
+    """
     kind = gaze.config["model"]["kind"]
     if kind != "speech_to_motion":
         raise InputError(
             f"source_models: the second should be a model of kind speech_to_motion, got one of kind {kind}"
         )
+    known = [training_speakers(_generator(each)) for each in (head, gaze)]
+    if all(known) and known[0] != known[1]:
+        first, second = (", ".join(each) for each in known)
+        raise InputError(f"source_models: should have the same training speakers, got {first} and {second}")
     both = {"head": head, "gaze": gaze}
     tensors = {f"{part}.{name}": tensor for part, each in both.items() for name, tensor in each.tensors.items()}
     config = {"model": settings.model_dump(mode="json"), **{part: each.config for part, each in both.items()}}
@@ -163,7 +170,7 @@ def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Chec
 
 def required_inputs(generator: TrainedGenerator) -> frozenset[InputName]:
     """Inputs of a trained model besides the embedding."""
-    if isinstance(generator, NetworkGenerator):
+    if isinstance(generator, NetworkGenerator | PoseModelGenerator):
         return generator.network.required_inputs
     if isinstance(generator, HeadThenGaze):
         return generator.gaze.required_inputs | required_inputs(generator.head)
@@ -173,10 +180,14 @@ def required_inputs(generator: TrainedGenerator) -> frozenset[InputName]:
 
 
 def training_speakers(generator: TrainedGenerator) -> tuple[str, ...]:
-    """The training speakers of a model with a speaker embedding, in index order."""
-    if isinstance(generator, HeadThenGaze):
+    """The training speakers of a model conditioned on the speaker, in index order."""
+    if "speaker" not in required_inputs(generator):
+        return ()
+    if isinstance(generator, HeadThenGaze) and "speaker" in generator.gaze.required_inputs:
         return generator.gaze.speakers
-    return generator.network.speakers if isinstance(generator, NetworkGenerator) else ()
+    if isinstance(generator, HeadThenGaze | HeadThenCanonical):
+        return training_speakers(generator.head)
+    return generator.network.speakers if isinstance(generator, NetworkGenerator | PoseModelGenerator) else ()
 
 
 def network_config(

@@ -32,19 +32,13 @@ class PoseModelGenerator:
         fps: float,
         conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples:
-        """Sample a random training speaker's style per seed; the eyes look straight ahead."""
-        head = self.generate_heads(embedding, seeds, fps, None)
-        return Samples(fps, head, np.zeros((*head.shape[:2], 2, 3)))
-
-    def generate_heads(
-        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, style: Float[ndarray, " K"] | None
-    ) -> Float[ndarray, "S T 3"]:
-        """Rotation vectors at the frame rate of the embedding in a style (weights of the training speakers)."""
-        own = self.network.settings.poses.fps
+        """Sample heads of one speaker, at the frame rate of the embedding; the eyes look straight ahead."""
+        own, style = self.network.settings.poses.fps, self.network.conditioning_style(conditioning)
         speech = resample_linear(embedding, fps, own).astype(np.float32)
         pose = self.network.sample(speech, seeds, style) + self.network.mean_pose.numpy()
         rows = [_pad_or_trim(resample_cubic(each.astype(np.float64), own, fps), len(embedding)) for each in pose]
-        return head_rotations(np.stack(rows))
+        head = head_rotations(np.stack(rows))
+        return Samples(fps, head, np.zeros((*head.shape[:2], 2, 3)))
 
 
 def pose_config(settings: PoseTaskSettings, normaliser: Normaliser, network: SpeechToPose) -> dict[str, Any]:

@@ -207,7 +207,7 @@ def _cost(network: SpeechToPose, speech: Float[ndarray, "T C"]) -> float:
     frames = int(COST_MINUTES * 60 * network.settings.poses.fps)
     long = np.tile(speech, (frames // len(speech) + 1, 1))[:frames]
     start = time.process_time()
-    for _ in network.stream(long, [0], None):
+    for _ in network.stream(long, [0], network.style_of(network.speakers[0])):
         pass
     return time.process_time() - start
 
