@@ -7,11 +7,11 @@ clips of one camera; here that is one clip, because every clip has its own camer
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, overload
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -19,9 +19,9 @@ from numpy import ndarray
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.settings import Settings
+from talkingeyes.corpus.fitted_clips import FittedClips, motion_path, require_clips
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, shard_path
 
@@ -101,32 +101,16 @@ def gaussian_smooth(pose: Float[ndarray, "T N"], width_frames: float, reach: int
     return np.asarray(np.stack(columns, axis=1) / known[:, None])
 
 
-class PoseRecordings(Sequence[PoseRecording]):
-    """The fitted clips of some splits, read lazily; 128 are cached."""
+class PoseRecordings(FittedClips[PoseRecording]):
+    """Head poses of fitted clips; 128 are cached."""
 
     def __init__(self, clips: Sequence[Clip], fit: Path, embed: Path, settings: PoseSettings) -> None:
-        self.clips = [clip for clip in clips if shard_path(fit / "motion", clip.id, ".npz").exists()]
-        self._read = lru_cache(maxsize=128)(lambda clip: read_poses(fit, embed, clip, settings))
-
-    def __len__(self) -> int:
-        return len(self.clips)
-
-    @overload
-    def __getitem__(self, index: int) -> PoseRecording: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[PoseRecording]: ...
-    def __getitem__(self, index: int | slice) -> PoseRecording | list[PoseRecording]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        return self._read(self.clips[index])
-
-    def __iter__(self) -> Iterator[PoseRecording]:
-        return (self[index] for index in range(len(self)))
+        super().__init__(clips, fit, lru_cache(maxsize=128)(lambda clip: read_poses(fit, embed, clip, settings)))
 
 
 def read_poses(fit: Path, embed: Path, clip: Clip, settings: PoseSettings) -> PoseRecording:
     """A fitted clip and its sound at the frame rate of poses."""
-    motion = Motion.load(shard_path(fit / "motion", clip.id, ".npz"))
+    motion = Motion.load(motion_path(fit, clip))
     raw = resample_cubic(to_poses(motion.head, motion.translation), motion.fps, settings.fps)
     pose = gaussian_smooth(raw, settings.filter_sigma_frames, settings.filter_radius_frames)
     embedding = np.load(shard_path(embed / "speech", clip.sound, ".npy"))
@@ -141,9 +125,4 @@ def pose_recordings(
     corpus: Corpus, fit: Path, embed: Path, settings: PoseSettings, *splits: str, take: int | None = None
 ) -> PoseRecordings:
     """The fitted clips of the given splits. Raises InputError if there is none."""
-    found = PoseRecordings(corpus.select(*splits, take=take), fit, embed, settings)
-    if not len(found):
-        raise InputError(
-            f"{corpus.root}: should contain fitted clips in {', '.join(splits)}, got none; every split needs clips"
-        )
-    return found
+    return require_clips(PoseRecordings(corpus.select(*splits, take=take), fit, embed, settings), corpus, splits)

@@ -5,19 +5,18 @@ Embeddings are memory-mapped and motions read on demand, so memory does not grow
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import overload
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from talkingeyes.core.containers import read_json
-from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
+from talkingeyes.corpus.fitted_clips import FittedClips, motion_path, require_clips
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, shard_path
 
@@ -52,48 +51,26 @@ class Normaliser:
         return cls(tuple(content["channels"]), mean, std)
 
 
-class Recordings(Sequence[Recording]):
-    """The fitted clips of some splits (without rejected ones), read lazily; 4,096 motions are cached."""
+class Recordings(FittedClips[Recording]):
+    """Head and gaze of fitted clips; 4,096 motions are cached."""
 
     def __init__(self, clips: Sequence[Clip], fit: Path, embed: Path) -> None:
-        self.clips = [clip for clip in clips if _motion_path(fit, clip).exists()]
-        self.embed = embed
-        self._motion = lru_cache(maxsize=4096)(lambda clip: _read_motion(fit, clip))
+        read_motion = lru_cache(maxsize=4096)(lambda clip: _read_motion(fit, clip))
 
-    def __len__(self) -> int:
-        return len(self.clips)
+        def read(clip: Clip) -> Recording:
+            head, gaze, valid = read_motion(clip)
+            speech = np.load(shard_path(embed / "speech", clip.sound, ".npy"), mmap_mode="r")
+            frames = min(len(speech), len(head))
+            return Recording(clip, speech[:frames], head[:frames], gaze[:frames], valid[:frames])
 
-    @overload
-    def __getitem__(self, index: int) -> Recording: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[Recording]: ...
-    def __getitem__(self, index: int | slice) -> Recording | list[Recording]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        clip = self.clips[index]
-        head, gaze, valid = self._motion(clip)
-        speech = np.load(shard_path(self.embed / "speech", clip.sound, ".npy"), mmap_mode="r")
-        frames = min(len(speech), len(head))
-        return Recording(clip, speech[:frames], head[:frames], gaze[:frames], valid[:frames])
-
-    def __iter__(self) -> Iterator[Recording]:
-        return (self[index] for index in range(len(self)))
+        super().__init__(clips, fit, read)
 
 
 def recordings(corpus: Corpus, fit: Path, embed: Path, *splits: str, take: int | None = None) -> Recordings:
     """The fitted clips of the given splits. Raises InputError if there is none."""
-    found = Recordings(corpus.select(*splits, take=take), fit, embed)
-    if not len(found):
-        raise InputError(
-            f"{corpus.root}: should contain fitted clips in {', '.join(splits)}, got none; every split needs clips"
-        )
-    return found
-
-
-def _motion_path(fit: Path, clip: Clip) -> Path:
-    return shard_path(fit / "motion", clip.id, ".npz")
+    return require_clips(Recordings(corpus.select(*splits, take=take), fit, embed), corpus, splits)
 
 
 def _read_motion(fit: Path, clip: Clip) -> tuple[ndarray, ndarray, ndarray]:
-    motion = Motion.load(_motion_path(fit, clip))
+    motion = Motion.load(motion_path(fit, clip))
     return motion.head.astype(np.float32), motion.gaze.astype(np.float32), motion.valid
