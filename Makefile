@@ -40,12 +40,17 @@ $(VENV)/.stamp: requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
-# A model learns on one core, and DVC runs one stage after the other: these two rows of stages run side by side (-s: what
-# is before them is there). `dvc repro` alone gives the same; here it makes what is left, and says what failed.
+# A model learns on one core, and DVC runs one stage after the other: two rows of stages run side by side, first of
+# training, then of measuring (-s: what is before them is there). `dvc repro` alone gives the same; here it makes what is
+# left, and says what failed.
 ONE_CORE = pretrain@gaze_frames train@talkingeyes_paper sample@talkingeyes_paper train@vae sample@vae critic \
 	pretrain@gaze_patches train@talkingeyes sample@talkingeyes information@talkingeyes
 OTHER_CORE = pretrain@face train@probtalk3d sample@probtalk3d train@talkingeyes_events sample@talkingeyes_events \
 	train@talkingeyes_live sample@talkingeyes_live information@talkingeyes_live information@talkingeyes_events
+BASELINES = mean random similar untrained
+ONE_HALF = $(BASELINES:%=train@%) $(BASELINES:%=validate@%) $(BASELINES:%=sample@%) $(BASELINES:%=evaluate@%) information@untrained
+MEASURED = vae talkingeyes_paper talkingeyes talkingeyes_events talkingeyes_live
+OTHER_HALF = $(MEASURED:%=validate@%) evaluate@truth evaluate@fitted evaluate@mismatched $(MEASURED:%=evaluate@%)
 
 demo:  ## Animate the packaged recording with the packaged model; opens build/demo/index.html, three samples side by side
 	@start=$$(date +%s); $(MAKE) --no-print-directory setup && \
@@ -58,7 +63,10 @@ demo:  ## Animate the packaged recording with the packaged model; opens build/de
 repro: params  ## Run the chain; only what changed runs again. Another corpus: make repro corpus=DIR (fit=video if tracked)
 	@test -z "$$($(BIN)/dvc status -q || echo changed)" || { \
 		$(BIN)/dvc repro fit embed && \
-		{ (export TALKINGEYES_PROGRESS=lines; $(BIN)/dvc repro -s $(ONE_CORE) & one=$$!; $(BIN)/dvc repro -s $(OTHER_CORE); wait $$one); $(BIN)/dvc repro; }; }
+		{ (export TALKINGEYES_PROGRESS=lines; \
+			$(BIN)/dvc repro -s $(ONE_CORE) & one=$$!; $(BIN)/dvc repro -s $(OTHER_CORE); wait $$one; \
+			$(BIN)/dvc repro -s $(ONE_HALF) & one=$$!; $(BIN)/dvc repro -s $(OTHER_HALF); wait $$one); \
+		$(BIN)/dvc repro; }; }
 	@cat data/report/summary.txt
 
 # Composing conf/ takes seconds, so it is done only if conf/, params.yaml or the choice of the corpus has changed.

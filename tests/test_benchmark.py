@@ -191,7 +191,7 @@ def test_gaze_that_leaves_at_starts_and_returns_at_ends_of_turns_is_measured(ref
     found = rows([motion] * 60, reference, paired=False)
     assert found["turn_start/rise"].value.value == pytest.approx(1.0, abs=0.05)
     assert found["turn_end/rise"].value.value == pytest.approx(-1.0, abs=0.05)
-    assert found["hesitation/rise"].reason == "needs 350 hesitations: the motions have 0"
+    assert found["hesitation/rise"].reason == "needs 100 hesitations: the motions have 0"
 
 
 def test_nan_frames_are_invalid_and_not_counted():

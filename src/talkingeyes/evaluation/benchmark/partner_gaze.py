@@ -26,7 +26,7 @@ LAGS_S = np.arange(-20, 21) / 10
 DURATION_BINS_S = Bins(0.0, 8.0, 80)
 # Speaking spans with a shorter gap between them count as one.
 MIN_PAUSE_S = 0.25
-MIN_EVENTS, MIN_TURNS = 350, 60
+MIN_EVENTS, MIN_PAUSES, MIN_TURNS = 350, 100, 40  # the larger the effect, the fewer
 # Kinds of events and the unit of their counts.
 EVENTS = {
     "onset": "speech_onsets",
@@ -160,7 +160,7 @@ def _around_event(event: str, min_count: int) -> Callable[..., Metric]:
 
 _onset, _offset = (_around_event(event, MIN_EVENTS) for event in ("onset", "offset"))
 _turn_start, _turn_end = (_around_event(event, MIN_TURNS) for event in ("turn_start", "turn_end"))
-_hesitation, _filler = (_around_event(event, MIN_EVENTS) for event in ("hesitation", "filler"))
+_hesitation, _filler = (_around_event(event, MIN_PAUSES) for event in ("hesitation", "filler"))
 
 METRICS = (
     _state(
