@@ -7,7 +7,8 @@ it is neutral.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -137,10 +138,10 @@ class Animator:
         if controls.blinks not in self.blink_profiles:
             raise InputError(f"blinks: should be one of {', '.join(self.blink_profiles)}, got {controls.blinks}")
         if isinstance(controls.style, str) and controls.style not in self.speaker_styles:
-            known = ", ".join(self.speaker_styles) or "a measured one (the model keeps no speakers)"
+            known = _listed(self.speaker_styles) or "a measured one (the model keeps no speakers)"
             raise InputError(f"style: should be one of {known}, got {controls.style}")
         if controls.person is not None and controls.person not in self.persons:
-            known = ", ".join(self.persons) or "left out: the model is not conditioned on the speaker"
+            known = _listed(self.persons) or "left out: the model is not conditioned on the speaker"
             raise InputError(f"person: should be one of {known}, got {controls.person}")
         if self.face:
             self.face.check(controls.face)
@@ -238,3 +239,8 @@ class Animator:
                 return None
             embedding = self.face.encoder(sound, self.fps)
         return self.face.perform(embedding, controls.face, seed, samples, self.fps)
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Names for one line of an error, where a model may have hundreds of speakers."""
+    return textwrap.shorten(", ".join(names), 100, placeholder=" ...")
