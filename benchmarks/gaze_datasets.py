@@ -1,4 +1,4 @@
-"""Detectors against experts, and benchmark metrics on real people: the last tables of docs/detectors.md.
+"""Detectors against experts, and benchmark metrics on real people: the last tables of docs/detectors.csv.
 
 The experts of Andersson et al. (2017) labelled 500 Hz eye tracking sample by sample. The metrics are computed from
 OpenFace tables, from that eye tracking, and from fixations in conversation, as far as each of them allows.

@@ -2,11 +2,13 @@
 
 Run     python -m benchmarks.sensitivity [SPEAKERS]     (a minute and a half of CPU; 24 speakers, four sounds each)
 Reads   conf/critic/default.yaml (the encoder); no corpus: true takes are sampled by synthesis/sketched_clips.py
-Writes  docs/sensitivity.md
+Writes  docs/sensitivity.md, docs/sensitivity.csv
 """
 
 from __future__ import annotations
 
+import csv
+import io
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,6 +19,7 @@ import yaml
 from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.distribution.encoder import EncoderSettings
+from talkingeyes.evaluation.paper_metrics.table3 import markdown_row
 from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS, UNCORRUPTED, Corruption
 from talkingeyes.evaluation.sensitivity.matrix import (
     CorruptionEffect,
@@ -33,38 +36,32 @@ from talkingeyes.synthesis.sketched_clips import sketch_clips
 
 ROOT = Path(__file__).resolve().parents[1]
 SOUNDS, TAKES, SECONDS, FPS = 4, 4, 12.0, 25.0
+SHOWN = 3  # metrics with the largest effects
 BOOTSTRAP = BootstrapSettings(n_resamples=500, confidence_level=0.95, seed=0)
 PAGE = """# Which corruptions each metric detects
 
-Written by `python -m benchmarks.sensitivity` for {speakers} synthetic speakers with {sounds} sounds each.
-{minutes:.0f} minutes of true motion are the reference. As much is evaluated: other true takes of the same sounds,
-unchanged (column *true*) and with each corruption. A cell is the difference of a metric from the reference, in half
-widths of its 95 % interval: **bold** from 1 on, where the corruption is detected; "gone" where nothing is left to
-measure, which also reveals it.
-`tests/test_sensitivity.py` checks this on a smaller pool.
+Written by `python -m benchmarks.sensitivity` for {speakers} synthetic speakers with {sounds} sounds each. The reference
+is {minutes:.0f} minutes of true motion. As much is evaluated: other true takes of the same sounds, unchanged and with
+each corruption. An effect is the difference of a metric from the reference, in half widths of its 95 % interval; from 1
+on the corruption is detected. A metric that has nothing left to measure ("gone") detects it too. Without a corruption,
+{false} of {all} metrics differ by chance. `tests/test_sensitivity.py` checks this on a smaller pool.
 
+[sensitivity.csv](sensitivity.csv) has the effect of every corruption on every metric.
+
+| corruption | what it is | metrics that detect it, of {all} | gone | largest effects |
+| --- | --- | --- | --- | --- |
 {faults}
 
-## What no single metric detects
+## What to know before you trust a metric
 
-- **L2 and the mean pose.** L2 (radians, eye-in-head) of other true takes: {true_l2:.3f}; of the clip's mean pose:
-  {mean_l2:.3f}; of a frozen face: {frozen_l2:.3f}. L2 ranks a constant above the truth; so does the nearest sample.
-  It is in Table III because the paper has it.
-- **Left and right.** The left-right preferences of people nearly cancel over a population, so distributions of mirrored
-  and true motion hardly differ. Comparison for the same speaker detects it: {sides}.
-- **Up and down** of head and eyes together: {heights}.
-- **The sign of the eyes relative to the head**: {signs}.
+- **L2 ranks a constant above the truth.** L2 (radians, eye-in-head) of other true takes: {true_l2:.3f}; of the clip's
+  mean pose: {mean_l2:.3f}; of a frozen face: {frozen_l2:.3f}. It is in Table III because the paper has it.
+- **Calm motion wins distances between sample and truth.** Rated better than the truth: {rated_better}.
+- **Left and right** nearly cancel over a population, so distributions of mirrored and true motion hardly differ.
+  Comparison for the same speaker detects it: {sides}.
 - **Late by 3 s** and **another speaker's motion** do not change any distribution. Metrics that depend on speech or
   speaker detect them: {late} (late), {swapped} (swapped); and Corr. against other sounds of the speaker (Table III).
-- **Rated better than the truth**: {rated_better}. Calm motion wins metrics of the distance between sample and truth,
-  such as L2.
-- Metrics that detect no corruption here, except by having nothing left to measure: {blind}. They are included because
-  the field uses them, or need more motion than this.
-- True takes that differ from the reference by chance: {false} of {all} metrics.
-
-## Metrics and corruptions
-
-{table}
+- No corruption here is detected, except as "gone", by {blind}. The field uses them, or they need more motion than this.
 """
 
 
@@ -79,8 +76,10 @@ def main() -> None:
         sketch_clips(speakers, SOUNDS, 1, SECONDS, FPS, seed=1), EncoderSettings.model_validate(conf["encoder"]), seed=0
     )
     takes = split_takes(sketch_clips(speakers, SOUNDS, TAKES, SECONDS, FPS, seed=0))
-    text = page(sensitivity_matrix(takes, BOOTSTRAP, encoder), takes, speakers)
+    found = sensitivity_matrix(takes, BOOTSTRAP, encoder)
+    text = page(found, takes, speakers)
     (ROOT / "docs/sensitivity.md").write_text(text)
+    (ROOT / "docs/sensitivity.csv").write_text(table(found, (UNCORRUPTED, *CORRUPTIONS)))
     print(text)
 
 
@@ -92,31 +91,39 @@ def page(found: SensitivityMatrix, takes: TakeSets, speakers: int) -> str:
         speakers=speakers,
         sounds=SOUNDS,
         minutes=speakers * SOUNDS * SECONDS * (TAKES // 2) / 60,
-        faults="\n".join(f"- *{each.name}*: {each.title}" for each in CORRUPTIONS),
+        faults="\n".join(markdown_row(_fault(found, each)) for each in CORRUPTIONS),
         rated_better=_won(found),
         true_l2=mean_l2(takes, UNCORRUPTED),
         mean_l2=mean_l2(takes, by_name["mean pose"]),
         frozen_l2=mean_l2(takes, by_name["frozen"]),
         sides=_catching(found, by_name["mirrored left-right"]),
-        heights=_catching(found, by_name["mirrored up-down"]),
-        signs=_catching(found, by_name["flipped eye yaw"]),
         late=_catching(found, by_name["delayed"]),
         swapped=_catching(found, by_name["swapped speaker"]),
         blind=", ".join(f"`{name}`" for name in blind) or "none",
         false=sum(cells[UNCORRUPTED.name].effect_size > 1 for cells in found.values()),
         all=len(found),
-        table=table(found, (UNCORRUPTED, *CORRUPTIONS)),
     )
 
 
 def table(found: SensitivityMatrix, columns: Sequence[Corruption]) -> str:
-    """Markdown table with a line per metric and a column per corruption."""
-    titles = ["true" if each is UNCORRUPTED else each.name for each in columns]
-    lines = ["| metric | " + " | ".join(titles) + " |", "| --- " * (len(columns) + 1) + "|"]
+    """CSV with a line per metric and a column per corruption."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["metric", *("true" if each is UNCORRUPTED else each.name for each in columns)])
     for metric in METRICS:
         if cells := found.get(metric.name):
-            lines.append(f"| `{metric.name}` | " + " | ".join(_written(cells[each.name]) for each in columns) + " |")
-    return "\n".join(lines)
+            writer.writerow([metric.name, *(_written(cells[each.name]) for each in columns)])
+    return text.getvalue()
+
+
+def _fault(found: SensitivityMatrix, corruption: Corruption) -> list[str]:
+    """Name of a corruption, how many metrics detect it, and those with the largest effects."""
+    effects = {name: cells[corruption.name] for name, cells in found.items()}
+    told = sorted((name for name, each in effects.items() if _told(each)), key=lambda name: -effects[name].effect_size)
+    gone = sum(bool(np.isnan(each.effect_size)) for each in effects.values())
+    detected = sum(each.detected for each in effects.values())
+    largest = ", ".join(f"`{name}`" for name in told[:SHOWN])
+    return [corruption.name, corruption.title, str(detected), str(gone), largest]
 
 
 def _catching(found: SensitivityMatrix, corruption: Corruption) -> str:
@@ -150,8 +157,7 @@ def _told(cell: CorruptionEffect) -> bool:
 def _written(cell: CorruptionEffect) -> str:
     if np.isnan(cell.effect_size):
         return "gone"
-    effect_size = f"{cell.effect_size:.1f}" if abs(cell.effect_size) < 99.5 else f"{min(cell.effect_size, 9999):.0f}"
-    return f"**{effect_size}**" if cell.detected else effect_size
+    return f"{cell.effect_size:.1f}" if abs(cell.effect_size) < 99.5 else f"{min(cell.effect_size, 9999):.0f}"
 
 
 if __name__ == "__main__":

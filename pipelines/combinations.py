@@ -34,7 +34,6 @@ from pipelines.table_runs import (
 )
 from talkingeyes.corpus.recordings import recordings
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.evaluation.head_pose.page import format_seeds
 from talkingeyes.orchestration.mlflow_logging import revision
 from talkingeyes.orchestration.run import Report, Workspace, run_command
 from talkingeyes.orchestration.stage_graph import StageCall
@@ -68,38 +67,30 @@ VAL_METRICS = {
     "metrics_worse": "metrics worse than truth",
 }
 FITTED = {name: name.replace("corr", "corr_fitted") for name in VAL_METRICS if name.startswith("corr")}
-COLUMNS = ("head", "gaze", "parameters", "training, CPU s", "10 s, CPU s", "ten samples, CPU s")
+COLUMNS = ("head", "gaze", "parameters", "training, CPU s", "ten samples, CPU s")
 INTRODUCTION = """# Every head generator with every gaze decoder
 
 Written by `python -m pipelines.combinations{words}` at revision {revision}; an interrupted run resumes. The
-combinations are defined in conf/experiment/head_gaze_combinations.yaml, by configuration alone. To train one of them:
+combinations are defined in conf/experiment/head_gaze_combinations.yaml. To train one of them:
 `python -m pipelines.experiment experiment=head_gaze_combinations target=validate@vae_point_process`.
 
-Seeds of training and sampling: {seeds}. Each combination is trained jointly for {steps} steps of {batch} windows, with
-the same speech encoder. Training is so short that rows can be compared with each other only, not with models that were
-trained longer. Each value is the mean over seeds; in small print their range.
+Each is trained jointly for {steps} steps of {batch} windows, which is short: compare rows with each other only. Means
+over the seeds {seeds}; the values of each seed are in [combinations.json](combinations.json).
 
-`parameters` counts all numbers of the checkpoint: weights, codebooks, statistics. Times are CPU seconds of one process
-on the machine that wrote this page: of training (without the codebooks that `categorical` and `regression` need; with
-the free-running validation at its end), and of generating {length_s:g} s of head and gaze from embedded speech. The
-other columns are measured on val by the stage `validate`. The distance of dynamics is that of the distributions of eye
-speed and saccade amplitude from the truth's, in standard deviations. Corr. should be close to that of the fitted
-motion, not above it. Metrics worse than truth are those of the gaze benchmark by which samples are worse than the truth
-by more than the interval of {level:.0%}, or which are defined for the truth but not for samples, for lack of
-events{metrics_count}.
+`parameters` counts all numbers of the checkpoint. Times are CPU seconds of one process: training without the codebooks,
+and ten samples of {length_s:g} s of head and gaze from embedded speech. The other columns are measured on val.
+The distance of dynamics is that of eye speeds and saccade amplitudes from the truth's, in standard deviations. Corr.
+should be close to that of the fitted motion, not above it. Metrics worse than truth are those of the gaze benchmark
+beyond their interval of {level:.0%}, or without enough events{metrics_count}.
 
 """
 LEFT_OUT = """
 Not in the table:
 
-- Canonical correlation with the other heads: it has no head of its own, and its gaze is a function of the head, so
-  further rows would only show the differences between heads. Its training is the closed-form fit, with the head of
-  `vae_point_process`.
-- Heads trained alone, of six dimensions at 30 fps (PoseGAN, the CNN and others): they use a gaze decoder that was
-  trained elsewhere. All of them with one decoder: [posegan_table.md](posegan_table.md).
-- Baselines (mean, random, similar): they take head and gaze from one motion, and cannot be combined.
-- Streaming: all decoders here use future speech, even with a causal head. Only `talkingeyes_live` can be streamed
-  ([live.md](live.md)).
+- Canonical correlation with other heads: its gaze is a function of the head (that of `vae_point_process`).
+- Heads trained alone, such as PoseGAN: [posegan_table.md](posegan_table.md) has all of them with one decoder.
+- Baselines (mean, random, similar): they take head and gaze from one motion.
+- Streaming: all decoders here use future speech. Only `talkingeyes_live` can be streamed ([live.md](live.md)).
 """
 
 
@@ -192,10 +183,10 @@ def _line(name: str, seeds: Sequence[Mapping[str, Any]]) -> str:
     cells = [
         *TITLES[name],
         f"{seeds[0]['parameters']:,}",
-        format_seeds(known, 0) if len(known) == len(trained) else "–",
-        *(format_seeds([seed[each] for seed in seeds]) for each in ("one_cpu_s", "ten_cpu_s")),
+        f"{np.mean(known):.0f}" if len(known) == len(trained) else "–",
+        f"{np.mean([seed['ten_cpu_s'] for seed in seeds]):.2f}",
         *(
-            format_seeds([seed["val"][each] for seed in seeds], 0 if each == "metrics_worse" else 3)
+            f"{np.mean([seed['val'][each] for seed in seeds]):.{0 if each == 'metrics_worse' else 3}f}"
             for each in VAL_METRICS
         ),
     ]

@@ -42,10 +42,17 @@ from talkingeyes.evaluation.face.articulation import ArticulationMetrics
 from talkingeyes.evaluation.face.pictures import emotion_sheet, heat_map_sheet
 from talkingeyes.evaluation.face.summary import FaceMetrics, summarise_seeds
 from talkingeyes.evaluation.face.surface import FaceSurface
-from talkingeyes.evaluation.face.table import TITLES, face_markdown
+from talkingeyes.evaluation.face.table import (
+    ARTICULATION_COLUMNS,
+    ERROR_COLUMNS,
+    PAPER_COLUMNS,
+    PUBLISHED,
+    TITLES,
+    face_markdown,
+)
 from talkingeyes.evaluation.face.vertices import VertexErrors
 from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
-from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES
+from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, markdown_row
 from talkingeyes.head.anny import anny_head
 from talkingeyes.models.face.style import NEUTRAL, FaceStyle, StyleKey
 from talkingeyes.orchestration.mlflow_logging import revision
@@ -66,16 +73,27 @@ HEAT_PX, TILE_PX, FRAMES_SHOWN = 220, 120, 6
 EMOTION_MODEL = "probtalk3d"  # the model of the sheet of emotions
 INTRODUCTION = """# The face: ProbTalk3D's Table 1
 
-Written by `python -m pipelines.face_table` (`make face`) at revision {revision}; an interrupted run resumes. The models
-are described in [face_models.md](face_models.md).
+Written by `python -m pipelines.face_table` (`make face`) at revision {revision}; an interrupted run resumes. Models:
+[face_models.md](face_models.md). Metrics and caveats: [face_measures.md](face_measures.md).
 
-Seeds of training and sampling: {seeds}. Each value is the mean over seeds; in small print its 95 % interval over sounds
-and, with several seeds, their range. Errors are on the vertices of the open head, in millimetres, against the true
-motion (its first take), with ten samples per sound. Definitions and caveats: [face_measures.md](face_measures.md). The
-last column has the paper's values on 3DMEAD and FLAME, read as metres and square metres: compare the order of rows, not
-the values.
+Means over the seeds {seeds}, ten samples per sound. Errors are on the vertices of the open head, in millimetres,
+against the true motion (its first take). This page shows new speakers; [face_table.json](face_table.json) has both
+splits and all metrics, with 95 % intervals over sounds and the range of the seeds. The last column has the paper's
+values on 3DMEAD and FLAME, read as metres and square metres: compare the order of rows, not the values.
 
 """
+SHOWN = {
+    "mve",
+    "lve",
+    "fdd_signed",
+    "mee",
+    "ce",
+    "diversity",
+    "diversity_ratio",
+    "bilabials_closed",
+    "emotion_accuracy",
+}
+SHOWN_SPLIT = "unseen"
 
 
 PICTURES = """### Motion of each vertex from frame to frame (as in Fig. 6 of the paper)
@@ -105,9 +123,22 @@ def main() -> None:
     (out / "pictures").mkdir(parents=True, exist_ok=True)
     (out / "face_table.json").write_text(json.dumps(table, indent=1))
     introduction = INTRODUCTION.format(revision=revision(), seeds=", ".join(map(str, wanted.seeds)))
-    (out / "face_table.md").write_text(introduction + face_markdown(table) + PICTURES)
+    (out / "face_table.md").write_text(introduction + summary(table) + PICTURES)
     _draw(out / "pictures", found.data, {name: seeds[0] for name, seeds in found.by_name.items()})
     print(face_markdown(table))
+
+
+def summary(rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """The table of new speakers, a few columns without intervals."""
+    columns = [each for each in (*ERROR_COLUMNS, *ARTICULATION_COLUMNS) if each.metric in SHOWN]
+    headings = ["", *(each.heading for each in columns), f"paper: {', '.join(PAPER_COLUMNS)}"]
+    lines = [headings, ["---"] * len(headings)]
+    for name in (known for known in TITLES if SHOWN_SPLIT in rows.get(known, {})):
+        found = rows[name][SHOWN_SPLIT]["face"]
+        cells = [f"{found[each.metric]['value']:.{each.digits}f}" if found.get(each.metric) else "" for each in columns]
+        paper = ", ".join("–" if value is None else f"{value:.4g}" for value in PUBLISHED.get(name, ()))
+        lines.append([TITLES[name], *cells, paper])
+    return "\n".join([*map(markdown_row, lines), "", ""])
 
 
 def options(arguments: Sequence[str]) -> TableOptions:

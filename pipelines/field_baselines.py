@@ -62,26 +62,30 @@ ROW_TITLES = {
 }
 NEARER, FARTHER, UNDECIDED, ONLY_DEFAULT = "default nearer", "baseline nearer", "undecided", "default only"
 
+# Columns of the requirements on the page.
+SHOWN = (DEFAULT, "random", *FIELD_TITLES)
+
 PAGE = """# Baselines that the field ships
 
     python -m pipelines.field_baselines
 
-Programs that drive avatars today leave the eyes idle, random, replayed or ruled. This page measures four such ways like
-models: the [gaze benchmark](benchmark.md), the requirements of the report, and the distance to
-[recorded people](people.md). The command writes this page and `field_baselines.json`, after `make repro`.
+Programs that drive avatars today leave the eyes idle, random, replayed or rule-based. Four such ways are measured like
+models: with the [gaze benchmark](benchmark.md), the requirements of the report, and the distance to
+[recorded people](people.md). The command writes this page after `make repro`.
+[field_baselines.json](field_baselines.json) has all rows, metrics and intervals.
 
 ## The baselines
 
-They are written anew from public descriptions in `pipelines/field_generators.py`; no code of the programs is used. A
-row is what we made of a description, not a measurement of the program.
+They are written anew from public descriptions in `pipelines/field_generators.py`, which names its sources; no code of
+the programs is used. A row is our reading of a description, not a measurement of the program.
 
 {baselines}
 
 ## Requirements
 
-The requirements of the report (data/report/requirements.json), with the same bounds; bold: missed. Margins say that
-motion is like motion, ties that it follows its sound. A rule can have a tie without margins: a head that sways with
-loudness follows its sound, at several times the speed of a head. {findings}
+The requirements of the report (data/report/requirements.json); bold: missed. Ratios compare the amount of motion, ties
+say that it follows its sound. A rule can have a tie without the right amount: a head that sways with loudness follows
+its sound, at several times the speed of a head. {findings}
 
 {requirements}
 
@@ -89,18 +93,13 @@ loudness follows its sound, at several times the speed of a head. {findings}
 
 For each metric, the distance to the truth of the default (`{default}`) and of a baseline, on the {sounds} sounds of
 test and unseen. A row is *nearer* if its interval (95 %, over sounds) lies wholly below that of the other. Metrics that
-are better when higher or lower are compared likewise by their values. *Default only*: the baseline has too few events
-for a value.
+are better when higher or lower are compared by their values. *Default only*: the baseline has too few events.
 
 {counts}
 
-### Where a baseline is nearer than the default
+Where a baseline is nearer than the default:
 
 {nearer}
-
-### Where the default is nearer
-
-{farther}
 
 ## Recorded people
 
@@ -108,12 +107,12 @@ for a value.
 
 ## Limits
 
-- The world is synthetic ([data_card.md](data_card.md)): its true motion was designed after the literature, and models
-  are trained on it. Baselines are not, but for the saccades that are replayed. Recorded people are the fairer judge.
-- The programs have more than what is measured: blinks, lids and brows are left out, as the samples of models have none.
-- The default's settings were chosen on val; the baselines have none to choose. What descriptions leave open was set
-  before the first run and not changed ([log](log/2026-11-25-field-baselines.md)).
-- Still heads miss every requirement of the head, which is a statement about the program, not about its eyes.
+- The data are synthetic ([data_card.md](data_card.md)), and models are trained on them. Of the baselines only the
+  replayed saccades are. Recorded people are the fairer comparison.
+- Blinks, lids and brows of the programs are left out, as the samples of models have none.
+- The default's settings were chosen on val. What descriptions leave open was set before the first run and not changed
+  ([log](log/2026-11-25-field-baselines.md)).
+- Still heads miss every requirement of the head, which says nothing about the program's eyes.
 """
 
 
@@ -244,15 +243,16 @@ def page(content: Mapping[str, Any]) -> str:
         sounds=content["sounds"],
         counts="\n".join(_counts(content["benchmark"])),
         nearer="\n".join(_nearer(content["benchmark"])),
-        farther="\n".join(_farther(content["benchmark"])),
         people="\n".join(_people(content["people"])),
     )
 
 
 def _descriptions() -> Iterator[str]:
+    """Each baseline: the first line of its docstring, and the program that it follows."""
     for name, generator in GENERATORS.items():
         text = " ".join((inspect.getdoc(generator) or "").split())
-        yield f"- **{FIELD_TITLES[name]}** (`{name}`). {text}"
+        program = text.partition("Source: ")[2].partition(" (")[0]
+        yield f"- **{FIELD_TITLES[name]}** (`{name}`, after {program}). {text.partition(' Source: ')[0]}"
 
 
 def _met(rows: Sequence[Mapping[str, Any]]) -> int:
@@ -262,15 +262,7 @@ def _met(rows: Sequence[Mapping[str, Any]]) -> int:
 def _requirement_findings(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     total, ours = len(found[DEFAULT]), _met(found[DEFAULT])
     counts = ", ".join(f"{FIELD_TITLES[name]} {_met(found[name])}" for name in GENERATORS)
-    lines = [f"Met of {total}: the default {ours}; {counts}.", ""]
-    for name in GENERATORS:
-        ties = [row["requirement"] for row in found[name] if row["met"] and "tie of" in row["requirement"]]
-        pairs = zip(found[name], found[DEFAULT], strict=True)
-        ahead = [theirs["requirement"] for theirs, default in pairs if theirs["met"] and not default["met"]]
-        lines.append(
-            f"- {FIELD_TITLES[name]}: ties met: {_listed(ties)}; met where the default misses: {_listed(ahead)}."
-        )
-    return "\n".join(lines)
+    return f"Met of {total}: the default {ours}; {counts}."
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -278,19 +270,18 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _requirements(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    lines = [["requirement", "bounds", *(ROW_TITLES[name] for name in found)]]
-    for each in zip(*found.values(), strict=True):
+    lines = [["requirement", "bounds", *(ROW_TITLES[name] for name in SHOWN)]]
+    for each in zip(*(found[name] for name in SHOWN), strict=True):
         lines.append([each[0]["requirement"], each[0]["bounds"], *map(_required, each)])
-    lines.append(["**met**", str(len(found[DEFAULT])), *(str(_met(rows)) for rows in found.values())])
+    lines.append(["**met**", str(len(found[DEFAULT])), *(str(_met(found[name])) for name in SHOWN)])
     return "\n".join(_table(lines))
 
 
 def _required(row: Mapping[str, Any]) -> str:
     if row["value"] is None:
         return ""
-    low, high = row["interval"]
     value = f"{row['value']:.2f}"
-    return f"{value if row['met'] else f'**{value}**'} <sub>{low:.2f}–{high:.2f}</sub>"
+    return value if row["met"] else f"**{value}**"
 
 
 def _table(lines: Sequence[Sequence[str]]) -> list[str]:
@@ -312,33 +303,25 @@ def _nearer(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
         for row in rows:
             if row["verdict"] == FARTHER:
                 truth = "" if row["truth"] is None else f"{row['truth']:.3g}"
-                values = [_interval(row["default"]), _interval(row["baseline"])]
+                values = [f"{row['default'][0]:.3g}", f"{row['baseline'][0]:.3g}"]
                 lines.append([FIELD_TITLES[name], row["title"], row["unit"], truth, *values])
     return _table(lines) if len(lines) > 1 else ["None."]
-
-
-def _farther(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
-    for name, rows in found.items():
-        titles = [row["title"] for row in rows if row["verdict"] == NEARER]
-        yield f"- {FIELD_TITLES[name]}: {_listed(titles)}."
-
-
-def _interval(values: Sequence[float]) -> str:
-    value, low, high = values
-    return f"{value:.3g} <sub>{low:.3g}–{high:.3g}</sub>"
 
 
 def _people(found: Mapping[str, Any] | None) -> Iterator[str]:
     if found is None:
         yield "Not measured: the recordings were not there."
         return
-    yield "Definitions and targets: [people.md](people.md). The mean ratio is in person-to-person units, and less is"
-    yield "better. AUC: of a classifier between people and the row."
+    yield "Mean ratio to people, with its interval (95 %); 1 is the mean distance of two people. Definitions:"
+    yield "[people.md](people.md).\n"
+    targets = found["targets"]["mean_ratio"]
+    names = list(dict.fromkeys(name for rows in found["states"].values() for name in rows))
+    lines = [["row", *(f"{state} (at most {targets[state]:g})" for state in found["states"])]]
+    for name in names:
+        lines.append([ROW_TITLES[name], *(_ratio(rows.get(name)) for rows in found["states"].values())])
+    yield from _table(lines)
+    yield ""
     for state, rows in found["states"].items():
-        target = found["targets"]["mean_ratio"][state]
-        heading = ["row", f"mean ratio (at most {target:g})", "largest ratio", "AUC", "seconds"]
-        yield f"\n### While {state}\n"
-        yield from _table([heading, *(_person_line(name, row) for name, row in rows.items())])
         ours = rows[DEFAULT]["mean_ratio"]
         rated: dict[str, list[str]] = {NEARER: [], FARTHER: [], UNDECIDED: []}
         for name in GENERATORS:
@@ -346,17 +329,12 @@ def _people(found: Mapping[str, Any] | None) -> Iterator[str]:
             both = [None if each is None else (each["low"], each["high"]) for each in (ours, theirs)]
             rated.get(verdict(*both), rated[UNDECIDED]).append(FIELD_TITLES[name])
         words = "; ".join(f"{key}: {', '.join(names) or 'none'}" for key, names in rated.items())
-        yield f"\nBy intervals of the mean ratio, {words}."
+        yield f"- While {state}, by these intervals: {words}."
 
 
-def _person_line(name: str, row: Mapping[str, Any]) -> list[str]:
-    largest = row["largest"]
-    cells = [f"{largest['ratio']:.2f} ({largest['measure']})" if largest else "-"]
-    mean, auc = (
-        "-" if found is None else f"{found['value']:.2f} ({found['low']:.2f} to {found['high']:.2f})"
-        for found in (row["mean_ratio"], row["auc"])
-    )
-    return [ROW_TITLES[name], mean, *cells, auc, f"{row['seconds']:.0f}"]
+def _ratio(row: Mapping[str, Any] | None) -> str:
+    found = row and row["mean_ratio"]
+    return f"{found['value']:.2f} ({found['low']:.2f} to {found['high']:.2f})" if found else "-"
 
 
 def _json(path: Path) -> Any:

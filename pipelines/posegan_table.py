@@ -7,7 +7,8 @@ The gaze benchmark, half of the time, can be omitted (--without-gaze) or compute
 Reads conf/ (experiment=posegan, or that of the overrides, such as experiment=posegan_tiny). Trains what the result
 store does not contain; an interrupted run resumes.
 
-Writes in the workspace: seed-N/data/..., measured/seed-N.json (recomputed when a model has changed), tables.md.
+Writes in the workspace: seed-N/data/..., measured/seed-N.json (recomputed when a model has changed),
+posegan_table.md and posegan_table.csv, to be copied to docs/.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ import hashlib
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pipelines.experiment import run_pipeline
+from pipelines.result_tables import ResultTable, as_csv, read_tables
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, run_command
@@ -31,14 +33,31 @@ ABLATIONS = ("posegan_without_motion", "posegan_without_initial_pose")
 GAZE = tuple(f"{name}_then_gaze" for name in HEADS)
 INTRODUCTION = """# Personal head motion: the tables
 
-Written by `python -m pipelines.posegan_table` (build/posegan/tables.md); an interrupted run resumes. Metrics and models
-are described in [posegan.md](posegan.md).
+Written by `python -m pipelines.posegan_table` (build/posegan/); an interrupted run resumes. Models, metrics and what
+the figures say: [posegan.md](posegan.md). Means over the seeds {seeds} of training and sampling.
+[posegan_table.csv](posegan_table.csv) has every table with the range of the seeds, also by speaker, for noisy speech
+and other languages, for style transfer, and for all heads with one gaze decoder on the gaze benchmark.
 
-Seeds of training and sampling: {seeds}. Each value is the mean over seeds; in small print their range. Corpus, the SVM
-of Table 1 and the classifier of Table 3 are the same for all seeds. The paper's speakers are from web videos, ours are
-synthetic: compare the order of rows, not the values.
+Corpus, the SVM of Table 1 and the classifier of Table 3 are the same for all seeds. The paper's speakers are from web
+videos, ours are synthetic: compare the order of rows, not the values.
 
 """
+# Sections of the page and their columns (none: all).
+SHOWN: dict[str, tuple[str, ...]] = {
+    "Table 1: fraction of windows accepted by the one-class SVM": (),
+    "Table 2: distance of pose and of motion": ("method", "pose", "motion", "paper: pose", "paper: motion"),
+    "Table 3: confidence of the classifier in the intended speaker": ("method", "mean", "accuracy", "paper's mean"),
+    "Head motion and ablations": (
+        "method",
+        "range (relative to true)",
+        "speed",
+        "acceleration",
+        "power above 5 Hz",
+        "speed at window boundaries",
+        "parameters",
+        "training, CPU s",
+    ),
+}
 # New speakers of other languages: for style transfer, and for robustness to unfamiliar sounds.
 NEW_SPEAKERS = ("synthesize.languages=[fr,de]", "synthesize.seed=1", "synthesize.speakers=10", "synthesize.clips=20")
 
@@ -133,10 +152,19 @@ def _benchmark(workspace: Path, seeds: Sequence[int]) -> dict[str, list[dict[str
 def _write(workspace: Path, found: dict[int, dict[str, Any]], benchmark: dict[str, list[dict[str, Any]]]) -> None:
     from talkingeyes.evaluation.head_pose.page import page
 
-    path = workspace / "tables.md"
-    introduction = INTRODUCTION.format(seeds=", ".join(map(str, found)))
-    path.write_text(introduction + page(list(found.values()), benchmark))
+    tables = read_tables(page(list(found.values()), benchmark))
+    (workspace / "posegan_table.csv").write_text(as_csv(tables.values()))
+    path = workspace / "posegan_table.md"
+    path.write_text(summary(tables, list(found)))
     print(path, file=sys.stderr)
+
+
+def summary(tables: Mapping[str, ResultTable], seeds: Sequence[int]) -> str:
+    """The page: the tables of the paper, and the motion of the head."""
+    parts = [
+        f"### {name}\n\n{tables[name].markdown(columns or tables[name].columns)}\n" for name, columns in SHOWN.items()
+    ]
+    return INTRODUCTION.format(seeds=", ".join(map(str, seeds))) + "\n".join(parts)
 
 
 if __name__ == "__main__":

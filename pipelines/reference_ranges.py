@@ -3,7 +3,8 @@
 Run     python -m pipelines.reference_ranges [CORPUS]        (make reference-ranges; make reference-ranges corpus=DIR)
 Reads   the corpus of the workspace, or CORPUS; data/fit and data/embed beside it, if they exist; recordings of people
         in ../shared/data/real/gaze, if they exist
-Writes  docs/reference_ranges.md and docs/pictures/reference-ranges-*.png; for another CORPUS build/reference_ranges/
+Writes  docs/reference_ranges.md, docs/reference_ranges.csv and docs/pictures/reference-ranges-*.png; for another
+        CORPUS build/reference_ranges/
 
 Not a stage: nothing reads its output, and it reads the output of several stages. Takes of a synthetic corpus are
 regenerated from their seeds, which gives the same events, and rendered at 500, 120, 60 and 25 fps.
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -22,6 +23,7 @@ import numpy as np
 
 from pipelines.audio_motion_probes import MAX_CLIPS, measure_probes, measure_towers
 from pipelines.regenerated_takes import extract_frame_rates, extract_further_takes, sound_of
+from pipelines.result_tables import ResultTable, as_csv, read_tables
 from talkingeyes.audio.prosody import ProsodySettings, prosody
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
@@ -30,6 +32,7 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.benchmark.behaviour import behaviour
 from talkingeyes.evaluation.critic.contrastive_training import CriticSettings
+from talkingeyes.evaluation.paper_metrics.table3 import markdown_row
 from talkingeyes.evaluation.reference_ranges import (
     measurements,
     page,
@@ -65,6 +68,18 @@ SOUND_AND_MOTION = (
     "matching_auc_jaw",
 )
 DRAWN_SPEAKERS, DRAWN_RATES = 500, 1000
+STATUSES = ("within", "outside", "-")
+INTRODUCTION = """# Reference ranges
+
+Written by `make reference-ranges`. Each statistic of eyes, head, lids and jaw in speech has a range that a corpus
+should meet, after published values of people. A range tests the data generator; it is not a claim about people.
+Measured in `src/talkingeyes/evaluation/reference_ranges/`.
+
+[reference_ranges.csv](reference_ranges.csv) has every statistic: published value, range, measured value, count, values
+of recorded people, source. Where a range was changed, the previous one is in parentheses with the reason. Certainty of
+a source: S* read, S well known, R recalled, U a prior only, D a choice, M computed.
+
+Corpus: {what}."""
 
 
 @dataclass(frozen=True)
@@ -269,9 +284,39 @@ def write(
         with atomic_write(pictures / f"reference-ranges-{name}.png") as path:
             draw(path)
     links = {name: f"pictures/reference-ranges-{name}.png" for name in plotters}
-    text = page.markdown(found.measurements, recorded.measurements, what, links)
-    with atomic_write(out / "reference_ranges.md") as path:
-        path.write_text(text)
+    tables = read_tables(page.markdown(found.measurements, recorded.measurements, what, links))
+    for name, text in (
+        ("reference_ranges.csv", as_csv(tables.values())),
+        ("reference_ranges.md", summary(tables, list(recorded.measurements), what, links)),
+    ):
+        with atomic_write(out / name) as path:
+            path.write_text(text)
+
+
+def summary(tables: Mapping[str, ResultTable], recorded: Sequence[str], what: str, links: Mapping[str, str]) -> str:
+    """The page: counts by section, and the values outside their range."""
+    status = {name: [row[4].strip("*") or "-" for row in table.rows] for name, table in tables.items()}
+    counts = [[name, *(str(found.count(each)) for each in STATUSES)] for name, found in status.items()]
+    total = [sum(found.count(each) for found in status.values()) for each in STATUSES]
+    rows = [row for table in tables.values() for row in table.rows]
+    lines = [["section", "within", "outside", "no value"], ["---"] * 4, *counts, ["all", *map(str, total)]]
+    parts = [
+        INTRODUCTION.format(what=what),
+        "\n".join(map(markdown_row, lines)),
+        "## Outside the range",
+        _rows([row for row in rows if row[4].strip("*") == "outside"]),
+        "## Beside recordings of people",
+        "\n".join(f"- {name}: {page.RECORDING_TITLES[name]}" for name in recorded),
+        _rows([row for row in rows if row[6] != "-"]),
+        *(f"![{page.PLOT_CAPTIONS[name]}]({path})\n\n{page.PLOT_CAPTIONS[name]}" for name, path in links.items()),
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _rows(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of the page without the columns that only the CSV has."""
+    head = [["statistic", "range", "measured", "recordings"], ["---"] * 4]
+    return "\n".join(map(markdown_row, [*head, *([row[0], *row[2:4], row[6]] for row in rows)])) if rows else "None."
 
 
 def describe_corpus(corpus_inputs: CorpusInputs) -> str:

@@ -2,7 +2,7 @@
 
 Run     python -m pipelines.reference_ranges_model [MODEL]       (default talkingeyes; after make repro)
 Reads   the corpus, data/embed, data/train/MODEL; sounds that no model was trained on
-Writes  docs/reference_ranges_model.md; for another model than the default build/reference_ranges/MODEL.md
+Writes  docs/reference_ranges_model.md and .csv; for another model than the default build/reference_ranges/MODEL.md
 
 Each sound is animated SAMPLES times, with blinks and with its partner's voice if it has one (listening depends on it),
 and rendered at both rates, and at 500 fps for the main sequence. A further column has the model's output without
@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.reference_ranges import axis_divergence_rad, extract_sound, source_of
+from pipelines.result_tables import as_csv, read_tables
 from talkingeyes.animation.animator import Animator
 from talkingeyes.animation.controls import Controls
 from talkingeyes.audio.prosody import prosody
@@ -54,15 +55,25 @@ OWN_FPS, SCREEN_FPS, MAIN_SEQUENCE_FPS = 25.0, 120.0, 500.0
 INTRODUCTION = """# Reference ranges: the default model
 
 Written by `python -m pipelines.reference_ranges_model{words}`: motion of the model for {sounds} sounds that it was not
-trained on, {samples} samples each, with the partner's voice where there is one, compared with the ranges of
-[reference_ranges.md](reference_ranges.md), at 25 and at 120 fps; the main sequence at 500 fps. The last column has the
-true motion of the same sounds at 25 fps (its main sequence: [reference_ranges.md](reference_ranges.md)). A model with a
-speaker embedding is conditioned on the speaker; an unseen speaker is replaced by a fixed random training speaker.
+trained on, {samples} samples each, with the partner's voice where there is one, compared with
+[reference ranges](reference_ranges.md) of head, gaze and blinks. The model is conditioned on the speaker; an unseen
+speaker is replaced by a fixed random training speaker.
 
-**At 25 fps {slow}; at 120 fps {fast}; as sampled {sampled}; truth {truth}.** Only head, gaze and blinks are compared.
-Listening, saccadic intrusions, blinks and the head contribution to large gaze shifts are rule-based layers added to the
-samples of the model ([whole.md](whole.md)). The column "as sampled" has only blinks of these, and no partner
-(`--no-postprocessing`).
+| motion | ranges |
+| --- | --- |
+| at 25 fps | {slow} |
+| at 120 fps | {fast} |
+| as sampled, 25 fps | {sampled} |
+| true motion of the same sounds, 25 fps | {truth} |
+
+"As sampled" (`--no-postprocessing`) has no partner and no rule-based layers: listening, saccadic intrusions, the head
+contribution to large gaze shifts ([whole.md](whole.md)). It has blinks. Ranges that the truth also misses are due to
+the small amount of motion. The main sequence is measured at 500 fps.
+
+"""
+OUTSIDE = """## Outside the range
+
+Statistics with a value outside their range; all are in [{data_file}]({data_file}).
 
 """
 
@@ -113,8 +124,12 @@ def main() -> None:
         else Path("build/reference_ranges", f"{name}.md")
     )
     (workspace.root / out).parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(workspace.root / out) as path:
-        path.write_text(text)
+    for path, content in (
+        (out, page_of(text, f"{out.stem}.csv")),
+        (out.with_suffix(".csv"), as_csv([read_tables(text)["Statistics"]])),
+    ):
+        with atomic_write(workspace.root / path) as temporary:
+            temporary.write_text(content)
     print(text)
 
 
@@ -207,7 +222,7 @@ def measure_with_main_sequence(pool: PooledArrays) -> Measurements:
 
 
 def markdown(columns: Sequence[Measurements], sounds: int, words: str) -> str:
-    """The page: rows of the reference ranges, with columns for the rates and the truth."""
+    """The whole table: rows of the reference ranges, with columns for the rates and the truth."""
     rows = [
         markdown_row(["", "reference range", "25 fps", "120 fps", "25 fps, as sampled", "truth, 25 fps"]),
         markdown_row(["---"] * 6),
@@ -221,7 +236,14 @@ def markdown(columns: Sequence[Measurements], sounds: int, words: str) -> str:
     introduction = INTRODUCTION.format(
         words=words, sounds=sounds, samples=SAMPLES, slow=slow, fast=fast, sampled=sampled, truth=truth
     )
-    return introduction + "\n".join([*rows, ""])
+    return introduction + "\n".join(["## Statistics", "", *rows, ""])
+
+
+def page_of(text: str, data_file: str) -> str:
+    """The page: the introduction, and the statistics with a value outside their range."""
+    table = read_tables(text)["Statistics"]
+    rows = table.markdown(table.columns, lambda row: any("**outside**" in cell for cell in row))
+    return f"{text.partition('## Statistics')[0]}{OUTSIDE.format(data_file=data_file)}{rows}\n"
 
 
 def counts(found: Measurements) -> str:
@@ -231,7 +253,7 @@ def counts(found: Measurements) -> str:
         for reference_range in REFERENCE_RANGES
         if reference_range.name in found
     ]
-    return f"{verdicts.count('within')} are within, {verdicts.count('outside')} outside"
+    return f"{verdicts.count('within')} within, {verdicts.count('outside')} outside"
 
 
 def cell(reference_range: ReferenceRange, found: Measurement | None) -> str:

@@ -20,9 +20,10 @@ from pipelines.evaluate import SPLITS
 from pipelines.paper_table_rows import LONG_MOTIONS, LONG_S, READS, ROW_CODE, measure_row
 from pipelines.table_runs import RowResult, RowSpec, TableOptions, compute_rows, configs_by_seed, parse_arguments
 from talkingeyes.core.errors import InputError
-from talkingeyes.evaluation.multi_seed import MultiSeedStatistic
+from talkingeyes.evaluation.multi_seed import MultiSeedEstimate, MultiSeedStatistic
 from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
-from talkingeyes.evaluation.tables.definitions import REFERENCES, TABLES
+from talkingeyes.evaluation.paper_metrics.table3 import markdown_row
+from talkingeyes.evaluation.tables.definitions import HEAD_AND_EYE_COLUMNS, REFERENCES, TABLES, TITLES, PaperTable
 from talkingeyes.evaluation.tables.page import TableResult, as_json, markdown, table_result
 from talkingeyes.evaluation.tables.row_metrics import row_metrics
 from talkingeyes.orchestration.mlflow_logging import revision
@@ -31,27 +32,37 @@ from talkingeyes.orchestration.run import run_command
 INTRODUCTION = """# The paper's tables
 
 Written by `python -m pipelines.tables{words}` (`make tables`) at revision {revision}; an interrupted run resumes. The
-question of each table and the paper's values are in conf/experiment/table3, table5, table6, table7. All rows are of one
-code revision, because the result store separates results of different code.
+question of each table and the paper's values are in conf/experiment/table3, table5, table6, table7. This page shows
+new speakers (split `unseen`), means over the seeds {seeds}. [tables.json](tables.json) has both splits and all metrics,
+with {level:.0%} intervals over clips and the range of the seeds.
 
-The paper's order is not reproduced in the columns of the eyes, because its eyes stand still here after 400 steps
-(Tables III and V to VII). Predictions and the experiment that tested them are in the [log](log.md), "why the paper's
-order is not ours". Results of ten times the steps, free running and mixed heads: "the experiments that were left". The
-default model is conditioned on the speaker; for unseen speakers, a random training speaker is used for each sound. The
-paper's models and the baselines are unconditional.
+The paper's order is not reproduced in the columns of the eyes, because the paper's eyes stand still here after 400
+training steps. Why, and what longer training changes: [log](log.md), "why the paper's order is not ours" and "the
+experiments that were left".
 
-Seeds of training and sampling: {seeds}. Each value (bold) is the mean over seeds; in small print its {level:.0%}
-interval over clips (seeds averaged) and, with several seeds, their range. Below it is the paper's value, of another
-corpus, encoder and critic, and of about 480,000 training steps: compare the order of rows, not the values. Diversity,
-Corr. and L2 compare with fitted motion in radians, speeds and ranges with the true motion. `Mean` wins every L2, so
-read whole rows. The paper describes Table II in words (a VAE's eyes "nearly stationary", a VQ-VAE's head
-"exaggerated"); here it is the middle 95 % of each rotation, compared with the truth. Motion above 5 Hz is measured on
-{count} motions of {long_s:.0f} s per split, for real motion clip by clip; its intervals are over motions.
+In brackets is the paper's value, of another corpus, encoder and critic, and of about 480,000 training steps: compare
+the order of rows, not the values. Diversity, Corr. and L2 (radians) compare with fitted motion, speeds and ranges with
+the true motion. A constant pose has the lowest L2, so read whole rows. Table II of the paper is a description; here it
+is the middle 95 % of each rotation over that of the truth. Motion above 5 Hz is measured on {count} motions of
+{long_s:.0f} s per split. `TalkingEyes, events` is conditioned on the speaker; for unseen speakers, a random training
+speaker is used for each sound. All other models are unconditional.
 
-Order: for every pair of rows with different values in the paper, whether ours differ in the same direction. Kendall's
-tau is the number of agreeing minus reversed pairs, divided by all pairs. A pair differs significantly if the interval
-of our difference, with both rows on the same clips, excludes 0. Pairs are named in the paper's order.
+"""
+# Metrics that are shown besides the columns of the paper.
+SHOWN = {
+    "gaze/speed",
+    "gaze/still_fraction",
+    "head/range_ratio",
+    "gaze/range_ratio",
+    "head/speed_above_5hz",
+    "gaze/speed_above_5hz",
+}
+SHOWN_SPLIT = "unseen"
+ORDERS = """## The paper's order of rows
 
+Kendall's tau over all pairs of rows with different values in the paper: agreeing minus reversed pairs, divided by all
+pairs. +1 is the paper's order. Pairs with their differences and significance: `orders` in
+[tables.json](tables.json).
 """
 
 
@@ -73,12 +84,42 @@ def main() -> None:
         count=LONG_MOTIONS,
         long_s=LONG_S,
     )
-    page = introduction + "\n".join(markdown(TABLES[name], by_split) for name, by_split in tables.items())
     plain = {"seeds": wanted.seeds, "tables": {name: as_json(TABLES[name], each) for name, each in tables.items()}}
     wanted.out.mkdir(parents=True, exist_ok=True)
     (wanted.out / "tables.json").write_text(json.dumps(plain, indent=1))
-    (wanted.out / "tables.md").write_text(page)
-    print(page)
+    (wanted.out / "tables.md").write_text(introduction + page(tables))
+    print("\n".join(markdown(TABLES[name], by_split) for name, by_split in tables.items()))
+
+
+def page(tables: Mapping[str, Mapping[str, TableResult]]) -> str:
+    """The page below its introduction: the tables of new speakers, and the order of rows in all splits."""
+    parts = [_table(TABLES[name], by_split[SHOWN_SPLIT]) for name, by_split in tables.items()]
+    return "\n".join([*parts, _orders(tables)])
+
+
+def _table(table: PaperTable, result: TableResult) -> str:
+    columns = [*table.paper_columns, *(each for each in table.extra_columns if each.metric in SHOWN)]
+    lines = [["", *(each.heading for each in columns)], ["---"] * (len(columns) + 1)]
+    for name, cells in result.cells.items():
+        papers = table.rows.get(name) or ()
+        written = [_cell(cells.get(each.metric), papers[at : at + 1], each.digits) for at, each in enumerate(columns)]
+        lines.append([TITLES[name], *written])
+    return "\n".join([f"## {table.title}", "", table.question, "", *map(markdown_row, lines), ""])
+
+
+def _cell(estimate: MultiSeedEstimate | None, paper: Sequence[float], digits: int) -> str:
+    return "" if estimate is None else f"{estimate.value:.{digits}f}" + "".join(f" ({each:.3f})" for each in paper)
+
+
+def _orders(tables: Mapping[str, Mapping[str, TableResult]]) -> str:
+    """Kendall's tau by table, split and column."""
+    lines = [["", *(each.heading for each in HEAD_AND_EYE_COLUMNS)], ["---"] * (len(HEAD_AND_EYE_COLUMNS) + 1)]
+    for name, by_split in tables.items():
+        for split, result in by_split.items():
+            orders = [result.rank_orders.get(each.metric) for each in HEAD_AND_EYE_COLUMNS]
+            cells = [f"{each.tau:+.2f}" if each else "" for each in orders]
+            lines.append([f"{TABLES[name].title.partition(':')[0].partition(',')[0]}, {split}", *cells])
+    return "\n".join([ORDERS, *map(markdown_row, lines), ""])
 
 
 def options(arguments: Sequence[str]) -> TableOptions:

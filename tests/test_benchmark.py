@@ -17,7 +17,7 @@ from talkingeyes.evaluation.benchmark import partner_gaze
 from talkingeyes.evaluation.benchmark.behaviour import behaviour, with_references
 from talkingeyes.evaluation.benchmark.comparison import Accumulator, Comparison, bootstrap_weights, extract
 from talkingeyes.evaluation.benchmark.metric import Bins
-from talkingeyes.evaluation.benchmark.page import page
+from talkingeyes.evaluation.benchmark.page import metrics_csv, page
 from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.benchmark.table import as_json, as_text, from_json, markdown, to_csv
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, resample_indices
@@ -244,6 +244,7 @@ def test_takes_are_compared_with_each_other():
 
 def test_the_page_is_fresh(repository):
     assert (repository / "docs" / "benchmark.md").read_text() == page()
+    assert (repository / "docs" / "benchmark_metrics.csv").read_text() == metrics_csv()
 
 
 def test_quantiles_and_distances_of_bins():

@@ -52,6 +52,7 @@ NO_STAGE = {
     "release_report",
     "report_films",
     "result_store",
+    "result_tables",
     "study",
     "sweep",
     "table_runs",

@@ -1,0 +1,57 @@
+"""Tables of a result page: read from its complete Markdown, a few columns for the page, all of them as CSV.
+
+Used by: pipelines.posegan_table, pipelines.reference_ranges, pipelines.reference_ranges_model.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+from talkingeyes.evaluation.paper_metrics.table3 import markdown_row
+
+BORDER = re.compile(r"(?<!\\)\|")
+SMALL_PRINT = re.compile(r" ?<sub>(.*?)</sub>")
+
+
+@dataclass(frozen=True)
+class ResultTable:
+    """A table and the heading above it; `rows` without the headings of the columns."""
+
+    section: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def markdown(self, columns: Sequence[str], keep: Callable[[Sequence[str]], bool] = lambda row: True) -> str:
+        """Some columns of the rows to keep, without the small print of their cells."""
+        places = [self.columns.index(name) for name in columns]
+        lines = [columns, ["---"] * len(columns), *([row[at] for at in places] for row in self.rows if keep(row))]
+        return "\n".join(markdown_row([SMALL_PRINT.sub("", cell) for cell in line]) for line in lines)
+
+
+def read_tables(markdown: str) -> dict[str, ResultTable]:
+    """All tables of a page by section; there may be one in each section."""
+    sections: dict[str, list[tuple[str, ...]]] = {}
+    section = ""
+    for line in markdown.splitlines():
+        if line.startswith("#"):
+            section = line.lstrip("# ")
+        elif line.startswith("|"):
+            sections.setdefault(section, []).append(tuple(cell.strip() for cell in BORDER.split(line)[1:-1]))
+    return {name: ResultTable(name, rows[0], tuple(rows[2:])) for name, rows in sections.items()}
+
+
+def as_csv(tables: Iterable[ResultTable]) -> str:
+    """All tables as CSV, one under the other, the section in the first column; small print is in brackets."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    for table in tables:
+        writer.writerows([[table.section or "section", *map(_plain, row)] for row in (table.columns, *table.rows)])
+    return text.getvalue()
+
+
+def _plain(cell: str) -> str:
+    return SMALL_PRINT.sub(r" [\1]", cell).replace("**", "").replace("`", "").replace("\\|", "|")
