@@ -5,6 +5,7 @@ That the commands run: test_docs_run.py.
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import shlex
@@ -28,6 +29,16 @@ CHANGELOG, CONTRIBUTING = REPOSITORY / "CHANGELOG.md", REPOSITORY / "CONTRIBUTIN
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 CODE = re.compile(r"^ *```.*?^ *```|`[^`\n]+`|https?://\S+", re.MULTILINE | re.DOTALL)
 BARE_DECIMAL = re.compile(r"(?<![\w.])\.\d+\b")
+# Every page but the log.
+MANUAL = [page for page in PAGES if page != REPOSITORY / "README.md" and not name_of(page).startswith("docs/log")]
+# Words of ours without a plain English use in these pages, each for a term of the field (conditioned on, discriminator,
+# free-running statistics, GPU, unconditional, ...).
+OWN_WORDS = re.compile(
+    r"\b(?:told|tellers?|wish|shelf|drawn back|rivals?|contest|heard|hears|hearing|deaf|aliveness|liveness|lawful"
+    r"|by (?:its|their) laws?|nobody|whom|mishaps?|strokes? of the head|yardsticks?|studio|taken along"
+    r"|(?:a|the|graphics) cards?|on cards)\b(?! of)",
+    re.IGNORECASE,
+)
 ELSEWHERE = {
     "ray",
     "torchrun",
@@ -167,6 +178,51 @@ def bare_decimals(text: str) -> list[str]:
 def test_bare_decimals_are_detected() -> None:
     assert bare_decimals("F1 of .93 (was -.2), .5 to 1.3; **.089** | .1 |") == [".93", ".2", ".5", ".089", ".1"]
     assert bare_decimals("0.93, version 3.11.2, `x.1f`, `.5`, models.py ... .npz\n```\n.93\n```\n") == []
+
+
+def prose(text: str) -> str:
+    """Text without code, addresses and targets of links."""
+    return re.sub(r"\]\([^)]*\)", "]", CODE.sub("", text))
+
+
+def own_words(text: str) -> list[str]:
+    """Words of the project's early vocabulary outside code; the field has its own for all of them."""
+    return [match[0] for match in OWN_WORDS.finditer(prose(text))]
+
+
+def docstrings(path: Path) -> list[str]:
+    """All docstrings of a module."""
+    tree = ast.walk(ast.parse(path.read_text()))
+    kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    return [text for node in tree if isinstance(node, kinds) and (text := ast.get_docstring(node))]
+
+
+@pytest.mark.parametrize("page", MANUAL, ids=name_of)
+def test_pages_use_the_words_of_the_field(page: Path) -> None:
+    assert own_words(page.read_text()) == []
+
+
+def test_docstrings_use_the_words_of_the_field_and_whole_decimals() -> None:
+    found = {
+        name_of(path): hits
+        for folder in ("src/talkingeyes", "pipelines")
+        for path in sorted((REPOSITORY / folder).rglob("*.py"))
+        if (hits := [hit for text in docstrings(path) for hit in (*own_words(text), *bare_decimals(text))])
+    }
+    assert found == {}
+
+
+def test_own_words_are_detected() -> None:
+    text = "It is told who moves, on a card, drawn back by its rival; nobody hears it. Its liveness is lawful."
+    assert own_words(text) == ["told", "a card", "drawn back", "rival", "nobody", "hears", "liveness", "lawful"]
+    plain = "The model card, `rival`, [a page](log/gaze-drawn-back.md), a prior, drawn by a script, people listening"
+    assert own_words(plain) == []
+    assert docstrings(Path(__file__))[0].startswith("Pages of the docs")
+
+
+def test_the_manual_is_short() -> None:
+    words = sum(len(page.read_text().split()) for page in MANUAL)
+    assert 20_000 < words < 45_000
 
 
 def test_entries_of_the_changelog_are_short() -> None:

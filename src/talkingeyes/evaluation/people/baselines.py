@@ -1,6 +1,6 @@
 """Gaze that looks at nothing: a baseline that a measure must fail to be worth anything.
 
-The eyes jump to a direction drawn uniformly every 0.2 to 5 s and rest there; the head is still, and no sound is heard.
+The eyes jump to a direction drawn uniformly every 0.2 to 5 s and rest there; the head is still, and sound is not used.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 The features describe a sequence relative to the home of its person: where the fixations are, how long they last, how
 far and in which direction the steps go, how often they cross to and from the partner and return to a previous place.
 The classifier (gradient boosting of scikit-learn) is trained on some people and speakers and scores sequences of
-others; people, and speakers, weigh the same whatever their length. AUC 0.5: not to be told from people; 1: always told.
+others; people, and speakers, weigh the same whatever their length. AUC 0.5: indistinguishable from people; 1: always
+recognised.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""ARKit coefficients as JSON, read by name, in any order. Three layouts, told apart by their keys:
+"""ARKit coefficients as JSON, read by name, in any order. Three layouts, distinguished by their keys:
 
 names, coefficients, fps                ours (`export -f arkit`), with head, eyes and translation
 facsNames, weightMat, exportFps         Audio2Face; with its own names of shapes, only its eyes are known here
