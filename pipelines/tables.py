@@ -93,7 +93,8 @@ def main() -> None:
 
 def page(tables: Mapping[str, Mapping[str, TableResult]]) -> str:
     """The page below its introduction: the tables of new speakers, and the order of rows in all splits."""
-    parts = [_table(TABLES[name], by_split[SHOWN_SPLIT]) for name, by_split in tables.items()]
+    shown = {name: by_split[SHOWN_SPLIT] for name, by_split in tables.items() if SHOWN_SPLIT in by_split}
+    parts = [_table(TABLES[name], result) for name, result in shown.items()]
     return "\n".join([*parts, _orders(tables)])
 
 

@@ -308,6 +308,7 @@ def test_a_corpus_without_features_and_fit(tiny, monkeypatch, capsys):
     assert "the stage embed has not run" in said and "the stage fit has not run" in said and "too few" in said
     for name in (
         "reference_ranges.md",
+        "reference_ranges.csv",
         *(f"pictures/reference-ranges-{each}.png" for each in ("main-sequence", "distributions", "timeline")),
     ):
         assert (tiny / "docs" / name).stat().st_size > 1000
