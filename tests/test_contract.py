@@ -57,12 +57,19 @@ def codebook(tokenizer: str | None) -> GazeVQVAE | None:
     return network.freeze()
 
 
+def toy_settings(raw: dict[str, Any]) -> tuple[MotionTaskSettings, list[str]]:
+    """Settings with at most as many channels of speech as toy recordings have, and the names of these."""
+    chosen = raw["speech"]["channels"]
+    channels = None if chosen is None else chosen[:CHANNELS]
+    settings = MotionTaskSettings.model_validate(raw | {"speech": raw["speech"] | {"channels": channels}})
+    return settings, [*(channels or ()), *(str(index) for index in range(CHANNELS))][:CHANNELS]
+
+
 def network(name: str) -> SpeechToMotion:
     """An untrained model of conf/model/."""
-    settings = MotionTaskSettings.model_validate(model_section(name))
+    settings, names = toy_settings(model_section(name))
     torch.manual_seed(0)
-    names = [*(settings.speech.channels or ()), *(str(index) for index in range(CHANNELS))]
-    made = SpeechToMotion(settings, names[:CHANNELS], codebook(settings.tokenizer), ("a", "b"))
+    made = SpeechToMotion(settings, names, codebook(settings.tokenizer), ("a", "b"))
     made.head.normal.set(torch.zeros(3), 0.1)
     made.gaze.normalise_by(torch.zeros(6), 0.1)
     return made.eval()
@@ -78,9 +85,8 @@ def batch() -> MotionBatch:
 def test_weight_of_unknown_term_is_an_error_with_known_terms() -> None:
     raw = model_section("talkingeyes_events")
     raw["weights"]["gaze_velocity"] = 1.0
-    made = SpeechToMotion(
-        MotionTaskSettings.model_validate(raw), [str(index) for index in range(CHANNELS)], None, ("a", "b")
-    )
+    settings, names = toy_settings(raw)
+    made = SpeechToMotion(settings, names, None, ("a", "b"))
     with pytest.raises(InputError, match=r"weights: should be among gaze_location, .*; got 'gaze_velocity'"):
         made.loss_terms(batch())
 

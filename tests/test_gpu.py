@@ -10,7 +10,7 @@ import pytest
 import torch
 from fake_gpu import fake_gpu
 from model_conf import model_section
-from test_contract import CHANNELS, MODELS, codebook, content
+from test_contract import CHANNELS, MODELS, codebook, content, toy_settings
 from test_critic import contrast, toy
 from test_face_models import BASIS, GENERATORS, data, faces, model_settings, prior_settings, tokenizer_for, tokenizers
 from test_posegan import HEADS, pgface_task
@@ -93,9 +93,8 @@ class TestPretence:
 def test_models_of_head_and_gaze(name: str, tmp_path: Path) -> None:
     raw = model_section(name)
     less = {"init_from": None, "validation_clips": 1, "temperatures": raw["temperatures"][:1]}
-    settings = MotionTaskSettings.model_validate(shortened(raw) | less)
-    names = tuple([*(settings.speech.channels or ()), *(str(index) for index in range(CHANNELS))][:CHANNELS])
-    normaliser = Normaliser(names, np.zeros(CHANNELS, np.float32), np.ones(CHANNELS, np.float32))
+    settings, names = toy_settings(shortened(raw) | less)
+    normaliser = Normaliser(tuple(names), np.zeros(CHANNELS, np.float32), np.ones(CHANNELS, np.float32))
     book = codebook(settings.tokenizer)
     clips = recordings(8, seed=1), recordings(2, seed=2)
     task = MotionTask(settings, 0, *clips, normaliser, book)
