@@ -1,6 +1,6 @@
 """Comparison of a model's motion with the reference ranges of human behaviour, at 25 and at 120 fps.
 
-Run     python -m pipelines.reference_ranges_model [MODEL]       (default talkingeyes; after make repro)
+Run     python -m pipelines.reference_ranges_model [MODEL]       (default talkingeyes_events; after make repro)
 Reads   the corpus, data/embed, data/train/MODEL; sounds that no model was trained on
 Writes  docs/reference_ranges_model.md and .csv; for another model than the default build/reference_ranges/MODEL.md
 

@@ -159,8 +159,35 @@ def _around_event(event: str, min_count: int) -> Callable[..., Metric]:
 
 
 _onset, _offset = (_around_event(event, MIN_EVENTS) for event in ("onset", "offset"))
-_turn_start, _turn_end = (_around_event(event, MIN_TURNS) for event in ("turn_start", "turn_end"))
-_hesitation, _filler = (_around_event(event, MIN_PAUSES) for event in ("hesitation", "filler"))
+
+
+def _event_rise(event: str, title: str, to: tuple[float, float], min_count: int, source: str) -> Metric:
+    return _around_event(event, min_count)(
+        f"{event}/rise",
+        f"averted at {title}, rise",
+        "fraction",
+        f"fraction averted from {to[0]:g} to {to[1]:g} s around {title} less that from -2 to -1.4 s",
+        compute=partial(_change, event=event, to=to, base=BEFORE_ONSET_S),
+        source=source,
+        caveat="needs an annotation of turns, hesitations and fillers; negative at ends of turns",
+    )
+
+
+def _curve_shape(event: str, family: str, title: str, min_count: int, source: str) -> Metric:
+    return _around_event(event, min_count)(
+        f"{family}/shape",
+        f"shape of the aversion curve at {title}",
+        "correlation",
+        "correlation of the curve with that of the reference over lags of -2 to 2 s",
+        compare=partial(_shape, event=event),
+        direction="higher",
+        source=source,
+        caveat=(
+            "noise also gives correlations away from 0: compare with the correlation between the halves of the "
+            "reference"
+        ),
+    )
+
 
 METRICS = (
     _state(
@@ -246,19 +273,7 @@ METRICS = (
         source="Andrist, Mutlu & Gleicher 2013",
         caveat="lags beyond the end of the clip do not count",
     ),
-    _onset(
-        "speech_onset/shape",
-        "shape of the aversion curve at onsets",
-        "correlation",
-        "correlation of the curve with that of the reference over lags of -2 to 2 s",
-        compare=partial(_shape, event="onset"),
-        direction="higher",
-        source="Ho, Foulsham & Kingstone 2015",
-        caveat=(
-            "noise also gives correlations away from 0: compare with the correlation between the halves of the "
-            "reference"
-        ),
-    ),
+    _curve_shape("onset", "speech_onset", "onsets", MIN_EVENTS, "Ho, Foulsham & Kingstone 2015"),
     _offset(
         "speech_offset/averted",
         "averted before speech offsets",
@@ -277,80 +292,12 @@ METRICS = (
         source="Kendon 1967",
         caveat="mixes pauses, where the next aversion begins, with ends of turns, where gaze returns",
     ),
-    _offset(
-        "speech_offset/shape",
-        "shape of the aversion curve at offsets",
-        "correlation",
-        "correlation of the curve with that of the reference over lags of -2 to 2 s",
-        compare=partial(_shape, event="offset"),
-        direction="higher",
-        source="Kendon 1967",
-        caveat="as for onsets",
-    ),
-    _turn_start(
-        "turn_start/rise",
-        "averted at starts of turns, rise",
-        "fraction",
-        "fraction averted from -0.3 to 0.7 s around ends of the partner's turns less that from -2 to -1.4 s",
-        compute=partial(_change, event="turn_start", to=AT_ONSET_S, base=BEFORE_ONSET_S),
-        source="Kendon 1967; Ho, Foulsham & Kingstone 2015",
-        caveat="needs the partner's turns",
-    ),
-    _turn_start(
-        "turn_start/shape",
-        "shape of the aversion curve at starts of turns",
-        "correlation",
-        "correlation of the curve with that of the reference over lags of -2 to 2 s",
-        compare=partial(_shape, event="turn_start"),
-        direction="higher",
-        source="Ho, Foulsham & Kingstone 2015",
-        caveat="as for onsets",
-    ),
-    _turn_end(
-        "turn_end/rise",
-        "averted at ends of turns, rise",
-        "fraction",
-        "fraction averted from 0.4 to 1.4 s after starts of the partner's turns less that from -2 to -1.4 s",
-        compute=partial(_change, event="turn_end", to=AFTER_TURN_S, base=BEFORE_ONSET_S),
-        source="Kendon 1967; Ho, Foulsham & Kingstone 2015",
-        caveat="negative in people, who return to the partner; needs the partner's turns",
-    ),
-    _turn_end(
-        "turn_end/shape",
-        "shape of the aversion curve at ends of turns",
-        "correlation",
-        "correlation of the curve with that of the reference over lags of -2 to 2 s",
-        compare=partial(_shape, event="turn_end"),
-        direction="higher",
-        source="Ho, Foulsham & Kingstone 2015",
-        caveat="as for onsets",
-    ),
-    _hesitation(
-        "hesitation/rise",
-        "averted in silent hesitations, rise",
-        "fraction",
-        "fraction averted from 0.2 to 0.8 s after silent hesitations begin less that from -2 to -1.4 s",
-        compute=partial(_change, event="hesitation", to=IN_PAUSE_S, base=BEFORE_ONSET_S),
-        source="Kendon 1967",
-        caveat="needs pauses labelled as hesitations",
-    ),
-    _hesitation(
-        "hesitation/shape",
-        "shape of the aversion curve at hesitations",
-        "correlation",
-        "correlation of the curve with that of the reference over lags of -2 to 2 s",
-        compare=partial(_shape, event="hesitation"),
-        direction="higher",
-        source="Kendon 1967",
-        caveat="as for onsets",
-    ),
-    _filler(
-        "filler/rise",
-        "averted at fillers, rise",
-        "fraction",
-        "fraction averted from 0.2 to 0.8 s after fillers begin less that from -2 to -1.4 s",
-        compute=partial(_change, event="filler", to=IN_PAUSE_S, base=BEFORE_ONSET_S),
-        source="Jehoul et al.: fillers do not reliably come with averted gaze",
-        caveat="needs labelled fillers",
-    ),
+    _curve_shape("offset", "speech_offset", "offsets", MIN_EVENTS, "Kendon 1967"),
+    _event_rise("turn_start", "starts of turns", AT_ONSET_S, MIN_TURNS, "Ho, Foulsham & Kingstone 2015"),
+    _curve_shape("turn_start", "turn_start", "starts of turns", MIN_TURNS, "Ho, Foulsham & Kingstone 2015"),
+    _event_rise("turn_end", "ends of turns", AFTER_TURN_S, MIN_TURNS, "Ho, Foulsham & Kingstone 2015"),
+    _curve_shape("turn_end", "turn_end", "ends of turns", MIN_TURNS, "Ho, Foulsham & Kingstone 2015"),
+    _event_rise("hesitation", "silent hesitations", IN_PAUSE_S, MIN_PAUSES, "Kendon 1967"),
+    _curve_shape("hesitation", "hesitation", "silent hesitations", MIN_PAUSES, "Kendon 1967"),
+    _event_rise("filler", "fillers", IN_PAUSE_S, MIN_PAUSES, "Jehoul et al."),
 )

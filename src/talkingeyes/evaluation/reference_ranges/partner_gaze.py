@@ -58,7 +58,8 @@ def _around_utterances(behaviour: Behaviour, annotation: Annotation) -> dict[str
     """
     states, seconds = behaviour.states, len(behaviour) / behaviour.fps
     turns = [span for span in speaking_turns(annotation) if span.end_s - span.start_s >= MIN_LONG_UTTERANCE_S]
-    starts = [_averted(behaviour, span.start_s, START_S) for span in turns if span.start_s + START_S[1] < seconds]
+    whole = [span for span in turns if span.start_s > 0]  # the others began before the clip
+    starts = [_averted(behaviour, span.start_s, START_S) for span in whole if span.start_s + START_S[1] < seconds]
     ends = [_averted(behaviour, span.end_s, END_S) for span in turns if span.end_s + END_S[1] < seconds]
     onsets = []
     for span in utterances(annotation):
