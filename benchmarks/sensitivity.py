@@ -86,7 +86,7 @@ def main() -> None:
 def page(found: SensitivityMatrix, takes: TakeSets, speakers: int) -> str:
     """The whole page."""
     by_name = {each.name: each for each in (UNCORRUPTED, *CORRUPTIONS)}
-    blind = [name for name, cells in found.items() if not any(_told(cell) for cell in _faults(cells))]
+    blind = [name for name, cells in found.items() if not any(_is_detected(cell) for cell in _faults(cells))]
     return PAGE.format(
         speakers=speakers,
         sounds=SOUNDS,
@@ -119,10 +119,12 @@ def table(found: SensitivityMatrix, columns: Sequence[Corruption]) -> str:
 def _fault(found: SensitivityMatrix, corruption: Corruption) -> list[str]:
     """Name of a corruption, how many metrics detect it, and those with the largest effects."""
     effects = {name: cells[corruption.name] for name, cells in found.items()}
-    told = sorted((name for name, each in effects.items() if _told(each)), key=lambda name: -effects[name].effect_size)
+    ranked = sorted(
+        (name for name, each in effects.items() if _is_detected(each)), key=lambda name: -effects[name].effect_size
+    )
     gone = sum(bool(np.isnan(each.effect_size)) for each in effects.values())
     detected = sum(each.detected for each in effects.values())
-    largest = ", ".join(f"`{name}`" for name in told[:SHOWN])
+    largest = ", ".join(f"`{name}`" for name in ranked[:SHOWN])
     return [corruption.name, corruption.title, str(detected), str(gone), largest]
 
 
@@ -130,7 +132,7 @@ def _catching(found: SensitivityMatrix, corruption: Corruption) -> str:
     names = [
         name
         for name, cells in found.items()
-        if corruption.name in detected_corruptions(cells) and _told(cells[corruption.name])
+        if corruption.name in detected_corruptions(cells) and _is_detected(cells[corruption.name])
     ]
     return ", ".join(f"`{name}`" for name in names) or "none"
 
@@ -149,7 +151,7 @@ def _faults(cells: Mapping[str, CorruptionEffect]) -> list[CorruptionEffect]:
     return [cell for name, cell in cells.items() if name != UNCORRUPTED.name]
 
 
-def _told(cell: CorruptionEffect) -> bool:
+def _is_detected(cell: CorruptionEffect) -> bool:
     """Whether a corruption is detected by a value, not by its absence."""
     return cell.detected and not np.isnan(cell.effect_size)
 

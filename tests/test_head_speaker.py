@@ -61,8 +61,8 @@ def write_gaze(folder: Path, channels: list[str], speakers: tuple[str, ...]) -> 
     torch.manual_seed(1)
     folder.mkdir(parents=True)
     node = yaml.safe_load((CONFIG_DIR / "model" / "vae.yaml").read_text())
-    told = {"kind": "speaker", "condition_dropout": 0.0, "embedding_scale": {"head": 1.0, "gaze": 1.0}}
-    found = MotionTaskSettings.model_validate(node | {"conditions": [told] if speakers else []})
+    condition = {"kind": "speaker", "condition_dropout": 0.0, "embedding_scale": {"head": 1.0, "gaze": 1.0}}
+    found = MotionTaskSettings.model_validate(node | {"conditions": [condition] if speakers else []})
     network = SpeechToMotion(found, channels, None, speakers)
     save(folder, network.state_dict(), network_config(found, channels, None, network))
     return folder
@@ -89,8 +89,8 @@ def test_all_samples_of_a_take_are_of_the_speaker_of_the_take(tmp_path: Path, ga
     for index in range(len(KNOWN)):
         found = generator.generate(speech, list(range(8)), 25.0, ConditioningInputs(torch.tensor([index])))
         np.testing.assert_allclose(first_yaw(found.head), index / 2, atol=0.01)
-    untold = generator.generate(speech, list(range(8)), 25.0)
-    assert len(set(first_yaw(untold.head))) == 1, "nobody in particular, but one"
+    unnamed = generator.generate(speech, list(range(8)), 25.0)
+    assert len(set(first_yaw(unnamed.head))) == 1, "no speaker is named: the same mixture for all seeds"
 
 
 def test_the_speakers_of_head_and_gaze_are_the_same(tmp_path: Path) -> None:
