@@ -15,6 +15,7 @@ import sys
 import time
 import urllib.request
 
+FINE_TUNED = r"model.\3"
 STEPS = "{0}.loop.steps=4 {0}.loop.batch=4 {0}.loop.validate_every=2"
 # Parts of a command line and their replacements; all that match are applied, in this order.
 SUBSTITUTIONS = [
@@ -38,8 +39,19 @@ SUBSTITUTIONS = [
     (r"^(talkingeyes study make .*)", r"\1 --allow-fewer --size 64 --condition ours=ONE_CLIP"),
     (r"^(talkingeyes .*)--jobs 8", r"\1--jobs 2"),
     (r"^(talkingeyes export .*)", r"\1 --force"),  # two recipes write the same file
+    (r"^(talkingeyes animate .*--(?:person|style) )s0007\b", r"\1s0000"),  # speakers of the tiny corpus
+    (r"^(talkingeyes animate .*),s0008\b", r"\1,s0001"),
+    (
+        r"^(python -m pipelines\.experiment) experiment=wav2vec2_finetuning machine=gpu "
+        r"(.*\bmodel\.(\w+)\.(\S+)\.checkpoint.*)",
+        rf"\1 experiment=[wav2vec2_finetuning,tiny] workspace=build/experiment \2 model.\3.\4.trainable_layers=1"
+        rf" {STEPS.format('pretrain.gaze_literal')} {STEPS.format(FINE_TUNED)} {FINE_TUNED}.validation_clips=2",
+    ),
+    (r"^(python -m pipelines\.experiment .*\bobjective\.metrics=.*)", r"\1 objective.model=talkingeyes_events"),
+    (r"^(python -m benchmarks\.detectors)$", r"\1 4"),
 ]
-SERVERS = r"^(talkingeyes (view|serve|study run)|mlflow ui)\b(?!.*--port)"  # with a port: used by the next lines
+# A server with a port is used by the next lines and ended by them; `make ui` gives MLflow its port. `view --page` ends.
+SERVERS = r"^(talkingeyes (view|serve|study run)\b(?!.*--(port|page))|mlflow ui\b)"
 TIMEOUT_S = 120
 
 

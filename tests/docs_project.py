@@ -37,14 +37,17 @@ git add --all && git commit --quiet -m docs
 PLACEHOLDER_COMMANDS = """
 SOUND=$(find data/synthesize/speech -name '*.flac' | sort | head -n 1)
 python tests/placeholder_files.py "$SOUND"
-cp SPEECH.wav speech.wav
+cp SPEECH.wav speech.wav; cp SPEECH.wav other.wav
+mkdir lines && cp SPEECH.wav lines/one.wav && cp SPEECH.wav lines/two.wav
 talkingeyes animate SPEECH.wav -o take --samples 2 --no-previews --model data/train/talkingeyes_events
 cp take/sample_00.npz MOTION.npz; cp take/sample_01.npz OTHER.npz; cp take/sample_01.npz other.npz
-mkdir MOTION_DIR && cp MOTION.npz "MOTION_DIR/$(basename "$SOUND" .flac)-t0.npz"
+cp take/sample_01.npz clip.npz
 talkingeyes export OTHER.npz -f vhap --model FLAME_FILE -o TRACKED.npz
 talkingeyes export OTHER.npz -f livelink -o OTHER.csv
+NAME=$(basename "$SOUND" .flac); ln -s data/synthesize CORPUS
+mkdir YOUR_FILES SOUNDS && cp OTHER.csv "YOUR_FILES/$NAME-t0.csv" && cp SPEECH.wav "SOUNDS/$NAME-t0.wav"
 mkdir -p build/experiment shared
-cp mlflow.db build/experiment/ && cp -r VIDEOS shared/videos
+cp mlflow.db build/experiment/ && cp -r VIDEOS shared/videos && cp VIDEOS/person_0/talk.mp4 VIDEO
 mkdir ONE_CLIP && cp "$(find data/sample/talkingeyes_events -name '*.npz' | sort | head -n 1)" ONE_CLIP
 """
 

@@ -1,13 +1,19 @@
-"""Writes files with the names used in the docs to the current folder: FLAME_FILE, SPEECH.wav, VIDEOS.
+"""Writes files with the names used in the docs to the current folder: FLAME_FILE, FOLDER, DATA, SPEECH.wav, VIDEOS, ...
 
 Run     python tests/placeholder_files.py SOUND     (any; SPEECH.wav is its beginning)
+
+track.json is the example of docs/control.md; FOLDER is a small random wav2vec 2.0.
 """
 
+import re
 import sys
 from pathlib import Path
 
+import numpy as np
 import soundfile
 from flame_file import arrays, write
+from toy_people import people_csv
+from transformers import Wav2Vec2Config, Wav2Vec2Model
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.corpus.store import Corpus
@@ -33,8 +39,23 @@ def videos(corpus: Corpus, folder: Path) -> None:
         write_video(path, renderer.draw(motion.cut(0, count)), motion.fps, sound)
 
 
+def speech_encoder(folder: Path) -> None:
+    """A random wav2vec 2.0 of four layers."""
+    config = Wav2Vec2Config(
+        hidden_size=32, num_hidden_layers=4, num_attention_heads=2, intermediate_size=48, conv_dim=(16,) * 7,
+        num_conv_pos_embeddings=16, num_conv_pos_embedding_groups=2, layerdrop=0.0,
+    )  # fmt: skip
+    Wav2Vec2Model(config).save_pretrained(folder)
+
+
 if __name__ == "__main__":
     write(Path("FLAME_FILE"), arrays())
+    people_csv(Path("DATA"))
+    speech_encoder(Path("FOLDER"))
     sound, rate = soundfile.read(sys.argv[1])
-    soundfile.write("SPEECH.wav", sound[: round(SPEECH_S * rate)], rate)
+    sound = sound[: round(SPEECH_S * rate)]
+    soundfile.write("SPEECH.wav", sound, rate)
+    soundfile.write("both.wav", np.stack([sound, sound[::-1]], axis=1), rate)
+    track = re.search(r"^```json\n(.*?)^```", Path("docs/control.md").read_text(), re.MULTILINE | re.DOTALL)
+    Path("track.json").write_text(track[1])
     videos(Corpus(Path("data/synthesize")), Path("VIDEOS"))

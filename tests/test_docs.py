@@ -28,6 +28,7 @@ DOCS = REPOSITORY / "docs"
 CHANGELOG, CONTRIBUTING = REPOSITORY / "CHANGELOG.md", REPOSITORY / "CONTRIBUTING.md"
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 CODE = re.compile(r"^ *```.*?^ *```|`[^`\n]+`|https?://\S+", re.MULTILINE | re.DOTALL)
+INLINE_COMMAND = re.compile(r"`((?:python -m|make) [^`\n]+)`")  # other programs are mentioned without their arguments
 BARE_DECIMAL = re.compile(r"(?<![\w.])\.\d+\b")
 # Every page but the log.
 MANUAL = [page for page in PAGES if page != REPOSITORY / "README.md" and not name_of(page).startswith("docs/log")]
@@ -48,8 +49,9 @@ ELSEWHERE = {
     "blender",
     "npm",
     "python3",
+    "mlflow",
 }  # programs that are checked, not run
-SHELL = {".", "cd", "cp", "mkdir", "for", "do", "done", "echo", "cat", "kill"}
+SHELL = {".", "cd", "cp", "mkdir", "for", "do", "done", "echo", "cat", "kill", "curl"}
 
 
 def commands(page: Path) -> list[str]:
@@ -100,7 +102,7 @@ def _talkingeyes(words: list[str]) -> str | None:
 
 
 def _make(words: list[str]) -> str | None:
-    targets = re.findall(r"^([a-z]+):.*##", (REPOSITORY / "Makefile").read_text(), re.MULTILINE)
+    targets = re.findall(r"^([a-z-]+):.*##", (REPOSITORY / "Makefile").read_text(), re.MULTILINE)
     variables = re.findall(r"^([a-z]+) \?=", (REPOSITORY / "Makefile").read_text(), re.MULTILINE)
     strange = [w for w in words if (w.split("=")[0] not in variables if "=" in w else w not in targets)]
     return f"no such target or variable: {strange}" if strange else None
@@ -135,6 +137,13 @@ def _composes(words: list[str]) -> str | None:
 @pytest.mark.parametrize("page", [*PAGES, CONTRIBUTING], ids=name_of)
 def test_every_command_of_the_docs_exists(page: Path) -> None:
     wrong = {command: fault for command in commands(page) if (fault := checked(command))}
+    assert not wrong
+
+
+@pytest.mark.parametrize("page", [*MANUAL, CONTRIBUTING], ids=name_of)
+def test_commands_within_sentences_exist(page: Path) -> None:
+    typed = [span for span in INLINE_COMMAND.findall(page.read_text()) if " [" not in span]
+    wrong = {span: fault for span in typed if (fault := checked(span))}
     assert not wrong
 
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from docs_pages import PAGES, REPOSITORY, lines, name_of
+from docs_pages import PAGES, REPOSITORY, lines, name_of, unread_commands
 from docs_program import SUBSTITUTIONS, shortened
 from docs_project import copy_project, run_bash
 
-# Commands that cannot run on test machines: they need other programs, other machines or a GPU.
+# Commands that cannot run on test machines: they need other programs, other machines, a GPU or recordings of people.
 ELSEWHERE = {
     "ray start --head --port=6379 --include-dashboard=false": "a cluster (Ray on one machine: test_launchers.py)",
     "ray start --address=HEAD:6379": "a cluster",
@@ -30,6 +30,10 @@ ELSEWHERE = {
     "-b 127.0.0.1": "npm",
     "npm install three @pixiv/three-vrm @pixiv/three-vrm-animation && cp docs/recipes/vrm_player.html AVATAR.vrm "
     "motion.vrma SPEECH.wav . && python3 -m http.server -b 127.0.0.1": "npm",
+    "npm install three @pixiv/three-vrm @met4citizen/talkinghead": "npm",
+    "cp docs/recipes/{vrm_live,talkinghead_live}.html docs/recipes/{live_avatar,stream_client}.js AVATAR.vrm "
+    "AVATAR.glb . && python3 -m http.server -b 127.0.0.1": "avatars, not part of the project (test_live_pages.py)",
+    "python -m benchmarks.gaze_datasets DIR": "recordings that are not part of the project (test_gaze_datasets.py)",
     "python local_viewer.py --point_path AVATAR/point_cloud.ply --motion_path motion.npz": "GaussianAvatars",
 }
 OF_ITS_OWN = {"docs/extend.md": "test_extend.py"}  # its commands need files that the reader writes
@@ -61,9 +65,27 @@ def test_tutorial_writes_the_stated_files(project: Path) -> None:
 def test_commands_that_are_not_run_are_in_the_docs_and_listed() -> None:
     found = {line for page in RUN for line in lines(page)}
     assert ELSEWHERE.keys() <= found
-    assert len(ELSEWHERE) == 10
+    assert len(ELSEWHERE) == 13
     assert set(OF_ITS_OWN) <= {name_of(page) for page in PAGES}
     assert sum(len(lines(page)) for page in RUN) >= 50
+
+
+@pytest.mark.parametrize("page", [*PAGES, REPOSITORY / "CONTRIBUTING.md"], ids=name_of)
+def test_no_block_hides_commands_from_these_tests(page: Path) -> None:
+    assert unread_commands(page.read_text()) == []
+
+
+def test_hidden_commands_are_detected(tmp_path: Path) -> None:
+    command = "python -m pipelines.experiment train.seed=1"
+    for hidden in (command, f"# first\nA=1 {command}", "make repro", "  talkingeyes serve &", "dvc repro", "mlflow ui"):
+        for language in ("", "text", "bash", "console"):
+            assert unread_commands(f"text\n\n```{language}\n{hidden}\n```\n"), (language, hidden)
+    page = tmp_path / "page.md"
+    page.write_text(
+        f"```sh\n{command}\n```\n\n```console\n$ make repro\nmakes all\n```\n\n    dvc dag\n\n    make [OPTIONS]\n"
+    )
+    assert unread_commands(page.read_text()) == []
+    assert lines(page) == [command, "make repro", "dvc dag"]
 
 
 def test_a_command_that_fails_is_named(tmp_path: Path) -> None:
@@ -87,4 +109,4 @@ def test_reduced_settings_match_commands_of_the_docs() -> None:
         "python -m pipelines.experiment experiment=tiny train.seed=1",
     ):
         assert shortened(line) == line
-    assert len(SUBSTITUTIONS) == 14
+    assert len(SUBSTITUTIONS) == 19

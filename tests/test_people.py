@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 import soundfile
-from toy_people import ANNOTATION, ToyPerson
+from toy_people import ANNOTATION, ToyPerson, chain_gaze, people_csv
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
@@ -46,7 +46,6 @@ from talkingeyes.workflows.evaluate_people import conversational_state, evaluate
 
 CLEAN = Tracker(noise_deg=0.0, drift_deg=1e-9, loss_per_s=(0.0, 0.0))
 SETTINGS = BootstrapSettings(n_resamples=40, confidence_level=0.95, seed=0)
-HEADING = "participant,state,segment,start_sample,length_samples,duration_ms,center_x_px,center_y_px"
 
 
 def record(centres, durations=None, segments=None):
@@ -55,18 +54,6 @@ def record(centres, durations=None, segments=None):
     durations = np.full(len(centres), 0.3) if durations is None else np.array(durations, float)
     segments = np.zeros(len(centres), int) if segments is None else np.array(segments)
     return FixationRecord(segments, np.cumsum(durations) - durations, durations, centres)
-
-
-def chain_gaze(seconds, rng, fps=50.0, leaving=0.5, returning=1.5, spread=8.0):
-    """Gaze of a Markov chain between the partner and places away from it; both rates per second."""
-    gaze, at, away, place = np.zeros((round(seconds * fps), 2)), 0.0, False, np.zeros(2)
-    while at < seconds:
-        stay = rng.exponential(1 / (returning if away else leaving))
-        gaze[round(at * fps) : round((at + stay) * fps) + 1] = place
-        at, away = at + stay, not away
-        angle = rng.uniform(0, 2 * np.pi)
-        place = spread * rng.uniform(1, 2) * np.array([np.cos(angle), 0.5 * np.sin(angle)]) if away else np.zeros(2)
-    return gaze
 
 
 def chain_person(name, seed, tracker=TRACKER, seconds=90.0, **rates):
@@ -288,24 +275,6 @@ def test_densities_of_the_histogram_sum_to_one(population):
 
 
 # The command.
-
-
-def people_csv(path, people=6):
-    """A table of recorded people in the format of the data set."""
-    lines = [HEADING]
-    for index in range(people):
-        rng = np.random.default_rng([index, 5])
-        gaze = chain_gaze(120.0, rng, spread=6.0 + index)
-        state = (np.arange(len(gaze)) >= len(gaze) / 2).astype(int)
-        clip = GazeClip(50.0, gaze, state, np.zeros(len(gaze), bool))
-        for name, label in zip(STATES, ("SPEAK", "LISTEN"), strict=True):
-            found = detect_screen_fixations(track(clip, np.zeros(2), TRACKER, rng))[name]
-            px = 1125 - np.tan(np.radians(found.centre_deg)) * CONVERSATION_CM / CONVERSATION_CM_PER_PX
-            start, length = (np.rint(each * 90).astype(int) for each in (found.onset_s, found.duration_s))
-            rows = zip(found.segment, start, length, px, strict=True)
-            lines += [f"{index},{label},{g},{s},{n},{n * 11.103},{x:.2f},{y:.2f}" for g, s, n, (x, y) in rows]
-    path.write_text("\n".join(lines))
-    return path
 
 
 @pytest.fixture(scope="module")

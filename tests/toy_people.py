@@ -1,4 +1,4 @@
-"""People for tests of the benchmark: main sequence saccades, a swaying head, counter-rotating eyes, blinks."""
+"""People for tests: main sequence saccades, a swaying head, counter-rotating eyes, blinks; a table of people."""
 
 from __future__ import annotations
 
@@ -9,9 +9,13 @@ import numpy as np
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.core.motion import Blink
 from talkingeyes.core.rotation import eye_in_head
+from talkingeyes.corpus.gaze_datasets import CONVERSATION_CM, CONVERSATION_CM_PER_PX
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour, behaviour
+from talkingeyes.evaluation.people.fixations import STATES
+from talkingeyes.evaluation.people.tracker import TRACKER, GazeClip, detect_screen_fixations, track
 from talkingeyes.physiology import blinks, saccades
 
+HEADING = "participant,state,segment,start_sample,length_samples,duration_ms,center_x_px,center_y_px"
 ANNOTATION = Annotation(speaking=(Span(2.0, 5.0), Span(6.0, 9.0)))
 
 
@@ -47,3 +51,33 @@ class ToyPerson:
 def people(count: int, seed: int = 0) -> list[ToyPerson]:
     """People with aversions to the left and people with aversions to the right."""
     return [ToyPerson(seed * 1000 + index, 1.0 if index % 2 else -1.0) for index in range(count)]
+
+
+def chain_gaze(seconds, rng, fps=50.0, leaving=0.5, returning=1.5, spread=8.0):
+    """Gaze of a Markov chain between the partner and places away from it; both rates per second."""
+    gaze, at, away, place = np.zeros((round(seconds * fps), 2)), 0.0, False, np.zeros(2)
+    while at < seconds:
+        stay = rng.exponential(1 / (returning if away else leaving))
+        gaze[round(at * fps) : round((at + stay) * fps) + 1] = place
+        at, away = at + stay, not away
+        angle = rng.uniform(0, 2 * np.pi)
+        place = spread * rng.uniform(1, 2) * np.array([np.cos(angle), 0.5 * np.sin(angle)]) if away else np.zeros(2)
+    return gaze
+
+
+def people_csv(path, people=6):
+    """A table of recorded people in the format of the data set."""
+    lines = [HEADING]
+    for index in range(people):
+        rng = np.random.default_rng([index, 5])
+        gaze = chain_gaze(120.0, rng, spread=6.0 + index)
+        state = (np.arange(len(gaze)) >= len(gaze) / 2).astype(int)
+        clip = GazeClip(50.0, gaze, state, np.zeros(len(gaze), bool))
+        for name, label in zip(STATES, ("SPEAK", "LISTEN"), strict=True):
+            found = detect_screen_fixations(track(clip, np.zeros(2), TRACKER, rng))[name]
+            px = 1125 - np.tan(np.radians(found.centre_deg)) * CONVERSATION_CM / CONVERSATION_CM_PER_PX
+            start, length = (np.rint(each * 90).astype(int) for each in (found.onset_s, found.duration_s))
+            rows = zip(found.segment, start, length, px, strict=True)
+            lines += [f"{index},{label},{g},{s},{n},{n * 11.103},{x:.2f},{y:.2f}" for g, s, n, (x, y) in rows]
+    path.write_text("\n".join(lines))
+    return path
