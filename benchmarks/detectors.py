@@ -82,7 +82,7 @@ def load(workspace: Workspace, count: int) -> list[RegeneratedClip]:
         sound = sounds[clip.sound]
         rng = plan.seeded_generator(settings.seed, "motion", sound.index, clip.take)
         style = plan.speaker_of(settings, sound).style
-        take = sample_take(corpus.annotation(clip), style, clip.seconds, rng, settings.blink_profile)
+        take = sample_take(corpus.conversation(clip), style, clip.seconds, rng, settings.blink_profile)
         assert take.events == corpus.truth_events(clip), clip.id
         made.append(RegeneratedClip(clip, take, Motion.load(path)))
     return made

@@ -50,6 +50,19 @@ mkdir -p build/experiment shared
 cp mlflow.db build/experiment/ && cp -r VIDEOS shared/videos && cp VIDEOS/person_0/talk.mp4 VIDEO
 mkdir ONE_CLIP && cp "$(find data/sample/talkingeyes_events -name '*.npz' | sort | head -n 1)" ONE_CLIP
 """
+# Before each page: the default chain, if an earlier page ran another one in its place.
+RESTORE = """
+git diff --quiet -- params.yaml dvc.lock || {
+    git checkout --quiet -- params.yaml dvc.lock data/report
+    dvc checkout --quiet --force --allow-missing
+}
+"""
+# The failing command is named; background services end with the page.
+TRAPS = """
+set -euo pipefail
+trap 'echo "failed: $BASH_COMMAND" >&2' ERR
+trap 'kill $(jobs -p) 2>/dev/null || true' EXIT
+"""
 
 
 def copy_project(root: Path, tiny: Path) -> Path:
@@ -91,7 +104,7 @@ def run_bash(text: str, root: Path) -> subprocess.CompletedProcess[str]:
         text = re.sub(pattern, instead, text)
     environment = {**os.environ, "PATH": f"{root}/.venv/bin:{os.environ['PATH']}", "PYTHONPATH": f"{root}/src:{root}"}
     return subprocess.run(
-        ["bash", "-c", "set -euo pipefail\ntrap 'echo \"failed: $BASH_COMMAND\" >&2' ERR\n" + text],
+        ["bash", "-c", TRAPS + text],
         cwd=root,
         env=environment,
         check=False,

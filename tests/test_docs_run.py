@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from docs_pages import PAGES, REPOSITORY, lines, name_of, unread_commands
 from docs_program import SUBSTITUTIONS, shortened
-from docs_project import copy_project, run_bash
+from docs_project import RESTORE, copy_project, run_bash
 
 # Commands that cannot run on test machines: they need other programs, other machines, a GPU or recordings of people.
 ELSEWHERE = {
@@ -47,9 +47,10 @@ def project(tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)  # docs/data.md runs the whole chain through DVC
 @pytest.mark.parametrize("page", RUN, ids=name_of)
 def test_the_commands_of_a_page_run(page: Path, project: Path) -> None:
-    said = run_bash("\n".join(line for line in lines(page) if line not in ELSEWHERE), project)
+    said = run_bash(RESTORE + "\n".join(line for line in lines(page) if line not in ELSEWHERE), project)
     assert said.returncode == 0, said.stdout[-3000:] + said.stderr[-5000:]
 
 

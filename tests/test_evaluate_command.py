@@ -122,8 +122,10 @@ def test_other_rates_are_compared_where_possible(corpus, tmp_path):
 
 
 def test_mistakes_are_one_line(corpus, tmp_path):
-    with pytest.raises(InputError, match="should hold motion files"):
+    with pytest.raises(InputError, match=r"should hold motion files .*`talkingeyes import`"):
         evaluate(tmp_path, corpus)
+    with pytest.raises(InputError, match="nowhere: should be a corpus, got no folder; `dvc repro synthesize`"):
+        evaluate(tmp_path, tmp_path / "nowhere")
     with pytest.raises(InputError, match="should be a folder, got none"):
         evaluate(tmp_path / "nowhere", corpus)
     with pytest.raises(InputError, match="should contain true motion"):

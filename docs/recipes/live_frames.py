@@ -19,6 +19,7 @@ from websockets.sync.client import ClientConnection, connect
 
 RATE, CHUNK = 16_000, 640  # samples: 40 ms
 URL = "ws://127.0.0.1:8030/stream"
+START_S = 60.0  # time limit for a service that is starting
 
 
 def chunks(speech: str) -> Iterator[bytes]:
@@ -41,7 +42,7 @@ def chunks(speech: str) -> Iterator[bytes]:
 def live_frames(sound: Iterator[bytes], url: str, request: dict, changes: Path | None = None) -> Iterator[dict]:
     """Frames (docs/live.md) as they come. Raises RuntimeError with the reason of the service."""
     sent = 0
-    with connect(url) as socket:
+    with _connect(url) as socket:
         socket.send(json.dumps({**request, "format": "json"}))
         _content(socket.recv())
         for chunk in sound:
@@ -68,6 +69,17 @@ def arguments(description: str, to: str) -> argparse.Namespace:
     parser.add_argument("--request", type=json.loads, default={}, help='such as {"seed": 1, "eye_contact": 0.8}')
     parser.add_argument("--changes", type=Path, help="a file; each line that is added is a change")
     return parser.parse_args()
+
+
+def _connect(url: str) -> ClientConnection:
+    until = time.monotonic() + START_S
+    while True:
+        try:
+            return connect(url)
+        except ConnectionRefusedError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.5)
 
 
 def _received(socket: ClientConnection, timeout: float) -> Iterator[dict]:

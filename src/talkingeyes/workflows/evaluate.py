@@ -122,12 +122,18 @@ def evaluate(
         )
     output_path = None if out is None else output_folder.output_path(Path(out), OUTPUT_FILES, force)
     corpus = Corpus(Path(reference))
+    if not corpus.root.is_dir():
+        raise InputError(
+            f"{reference}: should be a corpus, got no folder; `dvc repro synthesize` writes data/synthesize"
+        )
     true = corpus.root / "truth" if truth is None else Path(truth)
     if not true.is_dir():
         raise InputError(f"{true}: should contain true motion, got none; set a folder of reference motion with --truth")
     for folder in (Path(motions), *([Path(sound)] if sound else [])):
         if not folder.is_dir():
             raise InputError(f"{folder}: should be a folder, got none")
+    if not any(Path(motions).rglob("*.npz")):
+        raise InputError(f"{motions}: should hold motion files (.npz), got none; `talkingeyes import` converts others")
     references = ReferencePaths(corpus.root, true, None if evaluators is None else _with_networks(Path(evaluators)))
     settings = BootstrapSettings(n_resamples=n_resamples, confidence_level=CONFIDENCE_LEVEL, seed=seed)
     found = _measured(Path(motions), references, Path(sound) if sound else None, settings, jobs)
