@@ -16,7 +16,8 @@ import time
 import urllib.request
 
 FINE_TUNED = r"model.\3"
-STEPS = "{0}.loop.steps=4 {0}.loop.batch=4 {0}.loop.validate_every=2"
+FEW = "{0}.loop.steps=4 {0}.loop.validate_every=2"
+STEPS = FEW + " {0}.loop.batch=4"
 # Parts of a command line and their replacements; all that match are applied, in this order.
 SUBSTITUTIONS = [
     (r"^(python -m pipelines\.params\b.*)", r"\1 experiment=tiny"),
@@ -45,7 +46,7 @@ SUBSTITUTIONS = [
         r"^(python -m pipelines\.experiment) experiment=wav2vec2_finetuning machine=gpu "
         r"(.*\bmodel\.(\w+)\.(\S+)\.checkpoint.*)",
         rf"\1 experiment=[wav2vec2_finetuning,tiny] workspace=build/experiment \2 model.\3.\4.trainable_layers=1"
-        rf" {STEPS.format('pretrain.gaze_literal')} {STEPS.format(FINE_TUNED)} {FINE_TUNED}.validation_clips=2",
+        rf" {FEW.format('pretrain.gaze_literal')} {FEW.format(FINE_TUNED)} {FINE_TUNED}.validation_clips=2",
     ),
     (r"^(python -m pipelines\.experiment .*\bobjective\.metrics=.*)", r"\1 objective.model=talkingeyes_events"),
     (r"^(python -m benchmarks\.detectors)$", r"\1 4"),
