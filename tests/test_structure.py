@@ -119,11 +119,12 @@ def test_every_stage_and_room_is_in_the_glossary_and_every_path_of_the_architect
         assert re.search(rf"\b(def|class) {name}\b", found[0].read_text()) or not name, f"{path} has no {name}"
 
 
-def test_the_figure_of_the_data_flow_has_every_stage_and_is_what_its_script_writes(repository, stages):
+def test_diagrams_are_what_their_script_writes_and_the_data_flow_has_every_stage(repository, stages):
     pictures = repository / "docs" / "pictures"
-    flow = runpy.run_path(str(pictures / "data_flow.py"))
-    assert set(flow["STAGES"]) == {*stages, "track"}
-    assert (pictures / "data-flow.svg").read_text() == flow["svg"]()
+    drawn = runpy.run_path(str(pictures / "diagrams.py"))
+    assert set(drawn["DATA_FLOW"].boxes) == {*stages, "track"}
+    for file, diagram in drawn["DIAGRAMS"].items():
+        assert (pictures / file).read_text() == diagram.svg()
 
 
 def test_the_architecture_page_lists_the_animation_steps(repository):
