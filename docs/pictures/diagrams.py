@@ -38,8 +38,8 @@ class Diagram:
         lines += [self._arrow(*ends) for ends in self.arrows]
         for name, (x, y) in self.boxes.items():
             lines.append(
-                f'<rect x="{x - self.box_w / 2:g}" y="{y - BOX_H / 2:g}" width="{self.box_w:g}" height="{BOX_H}" rx="6" '
-                'fill="#e8eef4" stroke="#456"/>'
+                f'<rect x="{x - self.box_w / 2:g}" y="{y - BOX_H / 2:g}" width="{self.box_w:g}" height="{BOX_H}" '
+                'rx="6" fill="#e8eef4" stroke="#456"/>'
             )
             lines.append(f'<text x="{x}" y="{y + 5}" text-anchor="middle">{name}</text>')
         for name, (x, y) in self.labels.items():
