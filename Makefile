@@ -55,6 +55,7 @@ OTHER_HALF = $(MEASURED:%=validate@%) evaluate@truth evaluate@fitted evaluate@mi
 demo:  ## Animate the packaged recording with the packaged model; opens build/demo/index.html, three samples side by side
 	@start=$$(date +%s); $(MAKE) --no-print-directory setup && \
 	speech=$$($(BIN)/python -c 'from importlib.resources import files; print(files("moonshine_voice") / "assets/two_cities.wav")') && \
+	rm -f build/demo/index.html && \
 	$(BIN)/talkingeyes animate "$$speech" -o build/demo --samples 3 --no-previews --force && \
 	$(BIN)/talkingeyes view build/demo/sample_0*.npz --sound "$$speech" --page build/demo/index.html --force && \
 	echo "build/demo/index.html: three samples, made in $$(( $$(date +%s) - start )) s"

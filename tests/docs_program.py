@@ -34,12 +34,12 @@ SUBSTITUTIONS = [
         r"\bexperiment=probtalk3d_table\b",
         f"experiment=[probtalk3d_table,tiny] {STEPS.format('pretrain.face_vae')} {STEPS.format('model.face_vae')}",
     ),
-    (r"^python -m pytest -n 2$", "python -m pytest -n 0 -q tests/test_layers.py"),
+    (r"^python -m pytest -n 2( --maxfail 10)?$", "python -m pytest -n 0 -q tests/test_layers.py"),
     (r"^(talkingeyes animate (?=.*two_cities\.wav).*)", r"\1 --no-previews"),
     (r"^(talkingeyes animate (?!.*--samples).*)", r"\1 --samples 1"),
     (r"^(talkingeyes study make .*)", r"\1 --allow-fewer --size 64 --condition ours=ONE_CLIP"),
     (r"^(talkingeyes .*)--jobs 8", r"\1--jobs 2"),
-    (r"^(talkingeyes export .*)", r"\1 --force"),  # two recipes write the same file
+    (r"^(talkingeyes (?:export|pack) .*)", r"\1 --force"),  # two pages write the same file
     (r"^(talkingeyes animate .*--(?:person|style) )s0007\b", r"\1s0000"),  # speakers of the tiny corpus
     (r"^(talkingeyes animate .*),s0008\b", r"\1,s0001"),
     (
