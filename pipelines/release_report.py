@@ -26,7 +26,9 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.benchmark.corr import TITLES as CORR_TITLES
+from talkingeyes.evaluation.benchmark.partner_gaze import CURVES
 from talkingeyes.evaluation.benchmark.table import from_json
+from talkingeyes.evaluation.benchmark.table import markdown as benchmark_markdown
 from talkingeyes.evaluation.bootstrap import bootstrap, mean_statistic
 from talkingeyes.evaluation.critic.evaluators import Evaluators
 from talkingeyes.evaluation.model_selection.information import COLUMNS, information_table
@@ -69,7 +71,13 @@ def run() -> None:
         name: [each for each in model_requirements(rows, benchmarks, name) if not each.name.startswith("test:")]
         for name in rows
     }
-    section = _section(model_requirements_table(required), information_table(informed, TITLES), languages)
+    timing = {name: [each for each in found if each.metric.extractor is CURVES] for name, found in benchmarks.items()}
+    section = _section(
+        information_table(informed, TITLES),
+        benchmark_markdown(timing, TITLES),
+        languages,
+        model_requirements_table(required),
+    )
     with atomic_write(PAGE) as path:
         path.write_text(PAGE.read_text() + section)
     print(section)
@@ -140,7 +148,7 @@ def _language_table(
     return "\n".join(lines)
 
 
-def _section(requirements: str, informed: str, languages: str) -> str:
+def _section(informed: str, timing: str, languages: str, requirements: str) -> str:
     files = "\n".join(
         f"- `{path.name}`: sha256 `{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}`"
         for path in sorted(ASSETS.iterdir())
@@ -159,6 +167,12 @@ Sealed corpus: sha256 of its index `{corpus}`.
 ### Information that speech gives about motion, nats per second
 
 {informed}
+
+### Averted gaze around events of speech
+
+Each value with its interval over sounds; bold: worse than the truth for the same sounds by more than the interval.
+
+{timing}
 
 ### `talkingeyes_events` by language
 

@@ -5,9 +5,8 @@ Writes  data/synthesize/: clips.parquet, speech/, partner/, annotations/, observ
         table1.md
 Run     python -m pipelines.synthesize
 
-Splits are assigned before speech is synthesized: 15 % of the speakers are unseen, the sounds of the others are split
-8:1:1. Some sounds of test and unseen have several takes, with resampled motion for one sound, for the one-to-many
-tests. An interrupted run resumes with the sound at which it stopped.
+Splits are assigned before speech is synthesized. Some sounds of test and unseen have several takes, with resampled
+motion for one sound, for the one-to-many tests. An interrupted run resumes with the sound at which it stopped.
 """
 
 from __future__ import annotations
@@ -21,8 +20,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
-from numpy import ndarray
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core.errors import InputError
@@ -31,6 +28,7 @@ from talkingeyes.corpus.index import SPLITS, Clip
 from talkingeyes.corpus.splits import split_sounds
 from talkingeyes.corpus.statistics import corpus_statistics, statistics_table
 from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
+from talkingeyes.head.observation import Observation
 from talkingeyes.orchestration.run import Report, Workspace, code_digest, main, parallel_map
 from talkingeyes.synthesis import plan
 from talkingeyes.synthesis.acoustics import apply_acoustics
@@ -83,7 +81,7 @@ def sound_jobs(settings: SynthesizeSettings) -> list[SoundJob]:
     """All sounds with their splits and takes. Raises InputError if a split is empty."""
     sounds = plan.plan_sounds(settings)
     speaker_of = {sound.id: plan.speaker_name(sound.speaker) for sound in sounds}
-    split = split_sounds(speaker_of, dict.fromkeys(speaker_of, ()), settings.seed)
+    split = split_sounds(speaker_of, dict.fromkeys(speaker_of, ()), settings.seed, **settings.splits.model_dump())
     several = _multi_take_sounds(split, settings)
     return [SoundJob(sound, split[sound.id], settings.takes if sound.id in several else 1) for sound in sounds]
 
@@ -149,7 +147,7 @@ def synthesize_takes(root: Path, settings: SynthesizeSettings, job: SoundJob, sp
         rng = plan.seeded_generator(settings.seed, "noise", sound.index, number)
         seen = observe(motion, make_camera(settings.camera, rng), settings.noise, rng, identity)
         Corpus(root).write_clip(clip.id, seen, motion, take.events)
-        clips.append(replace(clip, content_hash=_content_hash(spoken.sound, motion)))
+        clips.append(replace(clip, content_hash=_content_hash(spoken, motion, seen)))
     return clips
 
 
@@ -173,9 +171,11 @@ def _clip_row(job: SoundJob, spoken: SynthesizedSpeech, take: int, fps: float) -
     )
 
 
-def _content_hash(sound: Float[ndarray, " N"], motion: Motion) -> str:
-    content = hashlib.blake2b(digest_size=16)
-    for array in (sound, motion.head, motion.gaze, motion.lid, motion.jaw, motion.expression):
+def _content_hash(spoken: SynthesizedSpeech, motion: Motion, seen: Observation) -> str:
+    """Digest of all files of a clip, so that the index stands for the corpus in dvc.yaml."""
+    content = hashlib.blake2b(json.dumps(vars(spoken.annotation), default=vars).encode(), digest_size=16)
+    arrays = [motion.head, motion.gaze, motion.lid, motion.jaw, motion.expression, seen.landmarks, seen.pupils]
+    for array in (spoken.sound, *([] if spoken.partner is None else [spoken.partner]), *arrays):
         content.update(np.ascontiguousarray(array, np.float32).tobytes())
     return content.hexdigest()
 

@@ -86,6 +86,8 @@ def test_two_processes_make_the_same_bytes(tmp_path, whole):
         ({"speakers": 1}, "synthesize.speakers"),
         ({"shortest_s": 3.0}, "synthesize.shortest_s"),
         ({"shortest_s": 9.5}, r"longest_s should be at least shortest_s \+ 0.5 \(10.0\), got 9.6"),
+        ({"splits.val": 0.5}, "synthesize.splits.val: Input should be less than 0.5"),
+        ({"splits.unseen_speakers": 0.0}, "synthesize.splits.unseen_speakers"),
         ({"fps": -1.0}, "synthesize.fps"),
         ({"longest_s": 601.0}, "synthesize.longest_s: Input should be less than or equal to 600, got 601.0"),
         ({"neutral_share": -0.1}, "synthesize.neutral_share"),
@@ -162,6 +164,13 @@ def test_a_partner_speaks_on_a_channel_of_its_own(tmp_path):
             assert np.abs(sound[round(span.start_s * 16000) + 80 : round(span.end_s * 16000) - 80]).max() < 1e-3
         for span in heard:
             assert np.abs(sound[round(span.start_s * 16000) : round(span.end_s * 16000)]).max() > 0.05
+
+
+def test_splits_have_the_sizes_of_the_settings():
+    jobs = synthesize.sound_jobs(SynthesizeSettings(**compose([])["synthesize"]))
+    assert Counter(job.split for job in jobs) == {"train": 2798, "val": 105, "test": 105, "unseen": 192}
+    speakers = {split: {job.sound.speaker for job in jobs if job.split == split} for split in ("train", "unseen")}
+    assert len(speakers["unseen"]) == 12 and not speakers["unseen"] & speakers["train"]
 
 
 def test_fractions_of_listening_and_emotions_are_as_configured():

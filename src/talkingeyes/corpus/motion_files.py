@@ -40,7 +40,7 @@ def motion_files(folder: Path) -> dict[str, list[Path]]:
         if not any(part.startswith(".") for part in path.relative_to(folder).parts):
             found[clip_id_of(path)].append(path)
     if not found:
-        raise InputError(f"{folder}: should hold motion files (.npz), got none")
+        raise InputError(f"{folder}: should hold motion files (.npz), got none; `talkingeyes import` converts others")
     return dict(sorted(found.items()))
 
 

@@ -1,4 +1,5 @@
-"""The fixed split of a corpus: 15 % of the speakers are unseen, the rest 8:1:1, grouped by sound and sentence."""
+"""The fixed split of a corpus: some speakers are unseen, the sounds of the others are train, val and test, grouped by
+sound and sentence."""
 
 from __future__ import annotations
 
@@ -6,12 +7,18 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-UNSEEN_SPEAKER_RATIO = 0.15
-SPLIT_RATIOS = {"train": 0.8, "val": 0.1, "test": 0.1}
 
-
-def split_sounds(speaker_of: Mapping[str, str], sentences_of: Mapping[str, Sequence[str]], seed: int) -> dict[str, str]:
-    """Split of each sound.
+def split_sounds(
+    speaker_of: Mapping[str, str],
+    sentences_of: Mapping[str, Sequence[str]],
+    seed: int,
+    *,
+    unseen_speakers: float = 0.15,
+    val: float = 0.1,
+    test: float = 0.1,
+) -> dict[str, str]:
+    """Split of each sound; `unseen_speakers` is a fraction of the speakers, `val` and `test` of the other speakers'
+    sounds. The defaults are the 8:1:1 of TalkingEyes (section III-A), which has no unseen speakers.
 
     Among the seen speakers, sounds that have a sentence in common stay together. These groups go, largest first, to the
     split furthest below its target size, so a corpus of few sentences still gets all three splits. The other sounds are
@@ -19,20 +26,21 @@ def split_sounds(speaker_of: Mapping[str, str], sentences_of: Mapping[str, Seque
     """
     rng = np.random.default_rng(seed)
     speakers = sorted(set(speaker_of.values()))
-    count = round(UNSEEN_SPEAKER_RATIO * len(speakers)) if len(speakers) > 1 else 0
+    count = round(unseen_speakers * len(speakers)) if len(speakers) > 1 else 0
     unseen = set(rng.choice(speakers, size=max(count, int(len(speakers) > 1)), replace=False))
     split = {sound: "unseen" for sound, speaker in speaker_of.items() if speaker in unseen}
     groups = _groups({sound: sentences_of[sound] for sound in speaker_of if sound not in split})
     rng.shuffle(groups)
     groups.sort(key=len, reverse=True)
-    total = sum(map(len, groups))
-    filled = dict.fromkeys(SPLIT_RATIOS, 0)
+    sizes = {"train": 1 - val - test, "val": val, "test": test}
+    sizes = {name: size * sum(map(len, groups)) for name, size in sizes.items()}
+    filled = dict.fromkeys(sizes, 0)
     single = sorted((group[0] for group in groups if len(group) == 1), key=lambda sound: speaker_of[sound])
     for group in groups[: len(groups) - len(single)]:
-        name = max(SPLIT_RATIOS, key=lambda each: SPLIT_RATIOS[each] * total - filled[each])
+        name = max(sizes, key=lambda each: sizes[each] - filled[each])
         filled[name] += len(group)
         split.update(dict.fromkeys(group, name))
-    wanted = {name: max(SPLIT_RATIOS[name] * total - filled[name], 0.0) for name in SPLIT_RATIOS}
+    wanted = {name: max(size - filled[name], 0.0) for name, size in sizes.items()}
     return split | _distribute(single, wanted)
 
 

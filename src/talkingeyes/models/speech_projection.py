@@ -76,4 +76,5 @@ class SpeechProjection(nn.Module):
         """Standardised input channels; one channel of zeros for a model without speech input."""
         if not len(self.channel_indices):
             return torch.zeros_like(embedding[..., :1])
-        return ((embedding - self.mean) / self.std)[..., self.channel_indices]
+        chosen = self.channel_indices
+        return (embedding[..., chosen] - self.mean[chosen]) / self.std[chosen]

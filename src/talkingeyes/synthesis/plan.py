@@ -52,12 +52,21 @@ class SourceSettings(Settings):
         return self
 
 
+class SplitSettings(Settings):
+    """Fraction of the speakers that is unseen, and fractions of the other speakers' sounds in val and test."""
+
+    unseen_speakers: float = Field(gt=0, lt=1)
+    val: float = Field(gt=0, lt=0.5)
+    test: float = Field(gt=0, lt=0.5)
+
+
 class SynthesizeSettings(SourceSettings):
     """The synthetic corpus: texts, voices, motion, noise. Its inherited keys describe the first source."""
 
     seed: int = Field(ge=0)
     clips: int = Field(ge=10, le=10_000_000)
-    speakers: int = Field(ge=4, le=100_000)  # 15 % of all are unseen
+    speakers: int = Field(ge=4, le=100_000)
+    splits: SplitSettings
     source: str = Field(pattern=r"^\w+$")
     further_sources: dict[str, SourceSettings]
     takes: int = Field(ge=1, le=100)  # takes per multi-take sound: same sound, motion sampled anew

@@ -132,8 +132,6 @@ def evaluate(
     for folder in (Path(motions), *([Path(sound)] if sound else [])):
         if not folder.is_dir():
             raise InputError(f"{folder}: should be a folder, got none")
-    if not any(Path(motions).rglob("*.npz")):
-        raise InputError(f"{motions}: should hold motion files (.npz), got none; `talkingeyes import` converts others")
     references = ReferencePaths(corpus.root, true, None if evaluators is None else _with_networks(Path(evaluators)))
     settings = BootstrapSettings(n_resamples=n_resamples, confidence_level=CONFIDENCE_LEVEL, seed=seed)
     found = _measured(Path(motions), references, Path(sound) if sound else None, settings, jobs)
