@@ -31,6 +31,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from live_model import write_live_model
 from scipy.spatial.transform import Rotation
+from test_live_nods import phrases
 from test_streaming import speech
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
@@ -331,6 +332,21 @@ class TestStreams:
 
         np.testing.assert_allclose(rows, pose_rows(anny_head(), to_forward_axes(whole)), atol=1e-4)
 
+    def test_nods_answer_the_second_channel(self, service: Service) -> None:
+        live, own, partner = LiveModel.load(service.live), np.zeros(6 * SAMPLE_RATE), phrases(6.0)
+        with service.stream() as connection:
+            connection.send('{"seed": 1, "channels": 2}')
+            rows, end = spoken(connection, np.stack([own, partner], axis=1))
+        heard = (np.frombuffer(pcm(partner), "<i2") / np.float32(32768)).astype(np.float32)
+        whole = live.generate_offline(own.astype(np.float32), 1, partner=heard)
+        assert np.abs(whole.head - live.generate_offline(own.astype(np.float32), 1).head).max() > np.radians(1.0)
+        assert end["frames"] == len(rows) == 6 * 25
+        from talkingeyes.animation.line_of_sight import to_forward_axes
+        from talkingeyes.apps.viewer.pose_encoding import pose_rows
+        from talkingeyes.head.anny import anny_head
+
+        np.testing.assert_allclose(rows, pose_rows(anny_head(), to_forward_axes(whole)), atol=1e-4)
+
     def test_json_frames_are_the_rows(self, service: Service) -> None:
         """An independent decoding: quaternions and coefficients of the frames against the rows of the same stream."""
         sound = speech(SECONDS)
@@ -504,6 +520,10 @@ class TestStreams:
             (['{"head_liveliness": 1e9}'], "request.head_liveliness"),
             (["{}", b"\0"], "sound should be 16-bit samples, got 1 bytes"),
             (["{}", b"\0" * 64_002], "at most 64000 bytes"),
+            (['{"channels": 2}', b"\0" * 6], "sound should be pairs of 16-bit samples, got 6 bytes"),
+            (['{"channels": 2}', b"\0" * 128_004], "at most 128000 bytes"),
+            (['{"channels": 3}'], "request.channels: Input should be less than or equal to 2, got 3"),
+            (["{}", '{"set": {"channels": 2}}'], "set.channels: Extra inputs are not permitted"),
             (["{}", "what"], "after the request"),
             (["{}", '{"set": 1}'], 'after the request should be {"set": {...}} or {"end": true}'),
             (["{}", '{"set": {}, "end": true}'], "after the request"),

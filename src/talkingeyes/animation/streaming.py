@@ -3,8 +3,8 @@
 The frame at time t is given as soon as the sound up to t + `latency_s` has come (0.237 s with `talkingeyes_live`: 37 ms
 for prosody, 160 ms lookahead of its speech layers, 40 ms for the rest of a bin of gaze). The frames do not depend on
 how the sound is cut into chunks; they equal `LiveModel.generate_offline` (docs/live.md). Only the steps of
-`pipeline.CAUSAL_STEPS` apply, then a state, eye contact and a target (`live_gaze.py`). Controls can be changed while
-the stream runs. Jaw and expression are neutral: no face model can be streamed yet.
+`pipeline.CAUSAL_STEPS` apply, then nods (`live_nods.py`), and a state, eye contact and a target (`live_gaze.py`).
+Controls can be changed while the stream runs. Jaw and expression are neutral: no face model can be streamed yet.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from talkingeyes.animation.context import AnimationContext, MotionCentre, sample
 from talkingeyes.animation.controls import Controls, Liveliness
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory, hold_frames
 from talkingeyes.animation.live_gaze import GazeDirection, LiveGaze
+from talkingeyes.animation.live_nods import LiveNods
 from talkingeyes.animation.model_file import open_model
 from talkingeyes.animation.pipeline import CAUSAL_STEPS
 from talkingeyes.audio.encoder import EmbedSettings
@@ -46,7 +47,7 @@ from talkingeyes.training.motion_generators import NetworkGenerator, load_genera
 MAX_LATENCY_S = 0.4
 STRAIGHT_AHEAD_RAD = np.zeros(2)
 RAMP_S = 0.2  # in which a changed liveliness takes effect
-GAZE_STREAM = 1  # of the seeds
+GAZE_STREAM, NOD_STREAM = 1, 2  # of the seeds
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,11 @@ class LiveControls:
     def state_liveliness(self) -> Liveliness:
         """Liveliness with that of the head in the state."""
         return replace(self.liveliness, head=self.gaze.head_gain * self.liveliness.head)
+
+    @property
+    def nods(self) -> bool:
+        """Whether nods answer the partner, where there is one."""
+        return self.gaze.state in (None, "listening")
 
 
 DEFAULT_LIVE_CONTROLS = LiveControls()
@@ -128,14 +134,23 @@ class LiveModel:
         return LiveStream(self, seed, controls)
 
     def generate_offline(
-        self, sound: Float[ndarray, " N"], seed: int, controls: LiveControls = DEFAULT_LIVE_CONTROLS
+        self,
+        sound: Float[ndarray, " N"],
+        seed: int,
+        controls: LiveControls = DEFAULT_LIVE_CONTROLS,
+        partner: Float[ndarray, " N"] | None = None,
     ) -> Motion:
-        """The frames of a stream, computed from the whole sound at once."""
+        """The frames of a stream, computed from the whole sound (and the partner's) at once."""
         features = StreamingProsody(self.embedding, self.fps).process_offline(sound)
         (own_seed,) = sample_seeds(seed, 1)
         trajectory = self.apply_steps(
             self.network.generate(self.embed(features), [own_seed]), controls.state_liveliness
         )
+        if partner is not None:
+            nods = self.live_nods(seed)
+            nods.push(partner)
+            turns = controls.state_liveliness.head * nods.rotation(trajectory.times_s, controls.nods)
+            trajectory = replace(trajectory, head=trajectory.head + turns)
         trajectory = self.live_gaze(seed).direct(trajectory, controls.gaze, controls.liveliness.gaze)
         sampled_blinks = self.sample_hour_of_blinks(seed, controls)
         closure = blinks.blink_closure(sampled_blinks, trajectory.times_s)
@@ -160,6 +175,10 @@ class LiveModel:
     def live_gaze(self, seed: int) -> LiveGaze:
         """What directs the gaze of a stream."""
         return LiveGaze(self.fps, self.mean_head, [seed, GAZE_STREAM])
+
+    def live_nods(self, seed: int) -> LiveNods:
+        """What answers the partner of a stream."""
+        return LiveNods(self.latency_s, [seed, NOD_STREAM])
 
     @property
     def mean_head(self) -> Float[ndarray, " 3"]:
@@ -190,7 +209,8 @@ class LiveStream:
     """The state of one stream; sound that no later frame needs is dropped, so memory does not grow."""
 
     def __init__(self, model: LiveModel, seed: int, controls: LiveControls) -> None:
-        self._model, self._controls, self._before = model, controls, controls.state_liveliness
+        self._model, self._seed = model, seed
+        self._controls, self._before = controls, controls.state_liveliness
         self._changed_frame = -math.inf  # when liveliness was changed
         self._gaze = model.live_gaze(seed)
         self._blinks = deque(model.sample_hour_of_blinks(seed, controls))
@@ -198,26 +218,41 @@ class LiveStream:
         self._prosody = StreamingProsody(
             model.embedding, model.fps, block_frames=StreamingModules.of(model.network).gaze.step_frames
         )
+        self._nods: LiveNods | None = None  # with a partner
         self._samples, self._frames = 0, 0
         self._held_gaze: Float[ndarray, "2 2"] | None = None  # of the last frame
         self._ended = False
 
-    def push(self, chunk: Float[ndarray, " N"]) -> StreamFrames:
+    def push(self, chunk: Float[ndarray, " N"], partner: Float[ndarray, " M"] | None = None) -> StreamFrames:
         """Take the next 16 kHz samples and return the frames that are complete now, perhaps none.
 
-        Raises InputError for NaN, for more than an hour, and after the end.
+        `partner`: the same time of the partner's sound, which nods answer; with every chunk or with none. Raises
+        InputError for NaN, for more than an hour, after the end, and for a partner that does not fit.
         """
         if self._ended:
             raise InputError("sound: the stream has ended; a new one should be begun, got more sound")
-        if not np.isfinite(chunk).all():
-            raise InputError("sound: samples should be finite numbers, got NaN or infinite ones")
-        self._samples += len(chunk)
-        if self._samples > LONGEST_S * SAMPLE_RATE:
+        for name, sound in (("sound", chunk), ("partner", partner)):
+            if sound is not None and not np.isfinite(sound).all():
+                raise InputError(f"{name}: samples should be finite numbers, got NaN or infinite ones")
+        if self._samples + len(chunk) > LONGEST_S * SAMPLE_RATE:
             raise InputError(f"sound: a stream should last at most {LONGEST_S:.0f} s, got more")
+        self._push_partner(len(chunk), partner)
+        self._samples += len(chunk)
         patch = self._prosody.block_frames
         features = self._prosody.push(chunk)
         parts = [self._push_features(features[first : first + patch]) for first in range(0, len(features), patch)]
         return self._add_blinks(parts)
+
+    def _push_partner(self, count: int, partner: Float[ndarray, " M"] | None) -> None:
+        """Take the partner's sound for a chunk of `count` samples."""
+        given = 0 if partner is None else len(partner)
+        if partner is not None and given != count:
+            raise InputError(f"partner: should have as many samples as the sound, {count}, got {given}")
+        if (self._samples or self._nods) and (partner is None) != (self._nods is None):
+            raise InputError(f"partner: should come with every chunk of a stream or with none, got {given} samples")
+        if partner is not None:
+            self._nods = self._nods or self._model.live_nods(self._seed)
+            self._nods.push(partner)
 
     def change(self, liveliness: Liveliness | None = None, gaze: GazeDirection | None = None) -> int:
         """Change controls for the frames that have not been given yet; returns the number of the first of them.
@@ -244,7 +279,7 @@ class LiveStream:
         parts = [part for part in parts if part.head.shape[1]]
         if not parts:
             return StreamFrames(self._frames, np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros((0, 2)))
-        trajectory = self._apply_steps(concat_motions(parts))
+        trajectory = self._add_nods(self._apply_steps(concat_motions(parts)))
         trajectory = self._gaze.direct(trajectory, self._controls.gaze, self._controls.liveliness.gaze)
         first = self._frames
         self._frames += len(trajectory.head)
@@ -270,6 +305,15 @@ class LiveStream:
             np.concatenate([getattr(each, name) for each in parts]) for name in ("head", "gaze_in_space_rad")
         )
         return GazeTrajectory(self._model.fps, head, space, ())
+
+    def _add_nods(self, trajectory: GazeTrajectory) -> GazeTrajectory:
+        """Turn the head; gaze in space stays."""
+        if self._nods is None:
+            return trajectory
+        frames = np.arange(self._frames, self._frames + len(trajectory.head))
+        gain = np.array([[self._liveliness(frame).head] for frame in frames.tolist()])
+        nods = self._nods.rotation(frames / self._model.fps, self._controls.nods)
+        return replace(trajectory, head=trajectory.head + gain * nods)
 
     def _liveliness(self, frame: int) -> Liveliness:
         """Liveliness at a frame: the last change takes effect with minimum jerk."""

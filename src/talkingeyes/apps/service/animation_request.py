@@ -82,6 +82,9 @@ class StreamRequest(AnimationRequest):
     """The first message of a stream."""
 
     format: Annotated[Literal["binary", "json"], Field(description="form of the frames")] = "binary"
+    channels: Annotated[
+        int, Field(ge=1, le=2, description="of the sound; with 2, the second is the partner's, which nods answer")
+    ] = 1
     target: Target = None
     state: StreamState = None
 

@@ -1,11 +1,11 @@
 """A live stream over a WebSocket: sound from the client, rows of poses in return, in order.
 
-The client sends a request (JSON), then sound (binary messages: 16-bit PCM, 16 kHz, mono) and perhaps {"set": {...}},
-which changes controls, then {"end": true}. The server sends fps, latency_s, format and columns, then the frames: binary
-messages with the index of the first frame (4 bytes) and its rows, or JSON (frame_encoding.py). It answers {"set": ...}
-with the first frame that is changed, and ends with {"end": true, "frames": N}. A message is read after the one before
-was answered, so a client that sends too fast is slowed down (backpressure). Errors are sent as {"error": ...} before
-the socket is closed.
+The client sends a request (JSON), then sound (binary messages: 16-bit PCM, 16 kHz; of two "channels", the samples of
+subject and partner in turn) and perhaps {"set": {...}}, which changes controls, then {"end": true}. The server sends
+fps, latency_s, format and columns, then the frames: binary messages with the index of the first frame (4 bytes) and its
+rows, or JSON (frame_encoding.py). It answers {"set": ...} with the first frame that is changed, and ends with
+{"end": true, "frames": N}. A message is read after the one before was answered, so a client that sends too fast is
+slowed down (backpressure). Errors are sent as {"error": ...} before the socket is closed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
 
 POLICY, TOO_BIG, FAULT, TRY_AGAIN_LATER = 1008, 1009, 1011, 1013  # close codes of RFC 6455
-MAX_CHUNK_BYTES = 2 * SAMPLE_RATE * 2  # 2 s
+MAX_CHUNK_BYTES = 2 * SAMPLE_RATE * 2  # 2 s of a channel
 WORKER_TIMEOUT_S = 20.0  # time limit of a worker for a chunk
 CLOSE_TIMEOUT_S = 10.0  # time limit for sending the reason
 
@@ -81,21 +81,21 @@ class StreamServer:
         begun = await worker.call(("open", key, request), WORKER_TIMEOUT_S)
         try:
             await self._send(socket, json.dumps(begun))
-            frames = await self._relay(socket, worker, key)
+            frames = await self._relay(socket, worker, key, request.channels)
             await self._send(socket, json.dumps({"end": True, "frames": frames}))
             await socket.close()
         finally:
             with contextlib.suppress(WorkerFailedError):
                 await worker.call(("close", key), WORKER_TIMEOUT_S)
 
-    async def _relay(self, socket: WebSocket, worker: Worker, key: str) -> int:
+    async def _relay(self, socket: WebSocket, worker: Worker, key: str, channels: int) -> int:
         """Answer sound with pose rows until the client ends the stream. Returns the number of sent frames."""
         samples = frames = 0
         while True:
             message = await self._receive(socket)
             sound = message.get("bytes")
             if sound is not None:
-                samples += _samples(sound)
+                samples += _samples(sound, channels)
                 if samples > self._limits.max_stream_s * SAMPLE_RATE:
                     raise StreamRefusedError(TOO_BIG, f"a stream should last at most {self._limits.max_stream_s:g} s")
             elif (content := _content(message)) != {"end": True}:
@@ -126,12 +126,14 @@ class StreamServer:
             await (socket.send_text(message) if isinstance(message, str) else socket.send_bytes(message))
 
 
-def _samples(sound: bytes) -> int:
-    if len(sound) > MAX_CHUNK_BYTES:
-        raise StreamRefusedError(TOO_BIG, f"a message should hold at most {MAX_CHUNK_BYTES} bytes, got {len(sound)}")
-    if len(sound) % 2:
-        raise StreamRefusedError(POLICY, f"sound should be 16-bit samples, got {len(sound)} bytes")
-    return len(sound) // 2
+def _samples(sound: bytes, channels: int) -> int:
+    """Samples of each channel."""
+    if len(sound) > (most := channels * MAX_CHUNK_BYTES):
+        raise StreamRefusedError(TOO_BIG, f"a message should hold at most {most} bytes, got {len(sound)}")
+    if len(sound) % (2 * channels):
+        pairs = "pairs of " if channels == 2 else ""
+        raise StreamRefusedError(POLICY, f"sound should be {pairs}16-bit samples, got {len(sound)} bytes")
+    return len(sound) // (2 * channels)
 
 
 def _content(message: Any) -> Any:

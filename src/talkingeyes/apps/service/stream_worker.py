@@ -1,8 +1,8 @@
 """Worker for live streams: many streams of one model in one process, from sound to rows of poses.
 
 Messages: ("open", key, request), ("push", key, sound), ("set", key, changes), ("finish", key), ("close", key). Sound is
-16-bit little-endian PCM of 16 kHz. Rows are those of apps/viewer/pose_encoding.py, preceded by the index of the first
-frame (4 bytes); or frames are JSON (frame_encoding.py).
+16-bit little-endian PCM of 16 kHz, of two channels the samples in turn. Rows are those of apps/viewer/pose_encoding.py,
+preceded by the index of the first frame (4 bytes); or frames are JSON (frame_encoding.py).
 """
 
 from __future__ import annotations
@@ -61,8 +61,9 @@ def stream_worker(model: str) -> Callable[[Any], Any]:
         return {**begun, "columns": pose_rows(head, still).shape[1]}
 
     def push(key: str, sound: bytes) -> PoseChunk:
+        each = streams[key]
         samples = np.frombuffer(sound, "<i2") / np.float32(FULL_SCALE)
-        return pose_chunk(streams[key].stream.push(samples), streams[key].request.format)
+        return pose_chunk(each.stream.push(*samples.reshape(-1, each.request.channels).T), each.request.format)
 
     def change(key: str, changes: StreamChanges) -> int:
         """Returns the number of the first frame that is changed."""
