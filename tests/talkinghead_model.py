@@ -51,5 +51,11 @@ def talkinghead_model(path: Path) -> Path:
         nodes[places[parent]].setdefault("children", []).append(places[name])
     nodes[places["Neck"]].setdefault("children", []).append(root)
     nodes[root]["translation"] = [0.0, 0.0, 0.0]
+    # TalkingHead lets the lowest point of an avatar down to the floor, which is to be that of a body, not the neck.
+    nodes[places["Armature"]]["children"].append(len(nodes))
+    shape = content["meshes"][nodes[mesh]["mesh"]]["primitives"][0]
+    still = {"attributes": {"POSITION": shape["attributes"]["POSITION"]}, "indices": shape["indices"]}
+    nodes.append({"name": "Floor", "mesh": len(content["meshes"]), "scale": [0.001, 0.001, 0.001]})
+    content["meshes"].append({"primitives": [still]})
     content["scenes"][0]["nodes"] = [places["Armature"]]
     return write_content(path, content, read.binary)

@@ -135,6 +135,7 @@ DRIVEN = """((frame) => {
 def test_talkinghead_follows_the_stream_and_gets_its_eyes_back(pages: tuple[str, str], tmp_path: Path) -> None:
     with open_browser(tmp_path / "profile") as browser:
         frames = played(browser, f"{pages[0]}/talkinghead_live.html?sound=a.wav&service={pages[1]}")
+        browser.screenshot(tmp_path / "talkinghead.png")
         browser.value("void head.stop()")  # its own animation would turn the body between the frames
         browser.value("['X', 'Y', 'Z'].forEach((axis) => (head.mtAvatar[`bodyRotate${axis}`].applied = 0))")
         for frame in frames[::7]:
@@ -154,3 +155,4 @@ def test_talkinghead_follows_the_stream_and_gets_its_eyes_back(pages: tuple[str,
                 assert found[f"eyeBlink{side}"] < max(shapes[f"eyeBlink{side}"], down / 2) + 0.1
         browser.value("release(head)")
         assert browser.value("Object.values(head.mtAvatar).every(({ realtime }) => realtime === null)")
+    assert (tmp_path / "talkinghead.png").stat().st_size > 50_000  # 12,000 without an avatar

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import socket
 import struct
 import subprocess
@@ -84,7 +85,9 @@ def test_the_blender_script_reads_the_rate(repository: Path, tmp_path: Path, mon
 def test_blender_poses_the_head_like_this_package(repository: Path, tmp_path: Path) -> None:
     te.export(toy_motions.motion(), tmp_path / "a.glb")
     script = repository / "docs" / "recipes" / "blender_import.py"
-    subprocess.run([sys.executable, str(script), str(tmp_path / "a.glb"), str(tmp_path / "a.blend")], check=True)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}  # bpy may be in a folder of its own
+    command = [sys.executable, str(script), str(tmp_path / "a.glb"), str(tmp_path / "a.blend")]
+    subprocess.run(command, check=True, env=environment)
     code = f"""
 import json, bpy
 bpy.ops.wm.open_mainfile(filepath={str(tmp_path / "a.blend")!r})
@@ -96,7 +99,7 @@ for frame in {FRAMES}:
     found.append([tuple(shown.matrix_world @ vertex.co) for vertex in shown.to_mesh().vertices])
 json.dump(found, open({str(tmp_path / "a.json")!r}, "w"))
 """
-    subprocess.run([sys.executable, "-c", code], check=True)
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment)
     x, y, z = np.moveaxis(np.array(json.loads((tmp_path / "a.json").read_text())), -1, 0)
     np.testing.assert_allclose(np.stack([x, z, -y], axis=-1), vertices(), atol=1e-6)
 

@@ -884,7 +884,9 @@ class TestPage:
             browser.value("document.getElementById('record').click()")
             browser.wait_for("document.body.dataset.state === 'live'")
             browser.wait_for("document.getElementById('level').value > -45")
+            picture = browser.value("document.getElementById('head').toDataURL()")
             browser.wait_for("Number(document.body.dataset.frames) > 25")
+            assert browser.value("document.getElementById('head').toDataURL()") != picture
             browser.value(SENT)
             browser.value("document.getElementById('state').value = 'thinking'")
             browser.value("document.getElementById('state').dispatchEvent(new Event('change', {bubbles: true}))")
