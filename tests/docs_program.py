@@ -40,7 +40,7 @@ SUBSTITUTIONS = [
     (r"^(talkingeyes study make .*)", r"\1 --allow-fewer --size 64 --condition ours=ONE_CLIP"),
     (r"^(talkingeyes .*)--jobs 8", r"\1--jobs 2"),
     (r"^(talkingeyes (?:export|pack) .*)", r"\1 --force"),  # two pages write the same file
-    (r"^(talkingeyes animate .*--(?:person|style) )s0007\b", r"\1s0000"),  # speakers of the tiny corpus
+    (r"^(talkingeyes animate .*--(?:person|style) )s0004\b", r"\1s0000"),  # speakers of the tiny corpus
     (r"^(talkingeyes animate .*),s0008\b", r"\1,s0001"),
     (
         r"^(python -m pipelines\.experiment) experiment=wav2vec2_finetuning machine=gpu "

@@ -74,6 +74,13 @@ def test_pack_can_contain_several_models(place: Path, tmp_path: Path) -> None:
     assert not folder.exists()
 
 
+def test_linked_folders_keep_their_names(place: Path, tmp_path: Path) -> None:
+    for name in ("talkingeyes_events", "probtalk3d"):  # as in a workspace whose results lie in a store
+        (tmp_path / name).symlink_to(shutil.copytree(place / "train" / "toy", tmp_path / f"store-{name}" / "output"))
+    done = pack(tmp_path / "talkingeyes_events", tmp_path / "both.safetensors", half_precision=True)
+    assert done.models == ("talkingeyes_events", "probtalk3d")
+
+
 def test_packed_model_needs_no_conf(place: Path, repository: Path, tmp_path: Path) -> None:
     """An installed copy of the package in another folder, without the repository."""
     shutil.copytree(

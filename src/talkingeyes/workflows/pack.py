@@ -56,7 +56,7 @@ def pack(
     folders = [Path(each) for each in ([models] if isinstance(models, str | Path) else models)]
     if face and len(folders) == 1 and (beside := find_face_model(folders[0])):
         folders.append(beside)  # `animate` loads it from there, too
-    names = [folder.resolve().name for folder in folders]
+    names = [folder.absolute().name for folder in folders]  # not of what links of a result store point to
     if not names or len(set(names)) < len(names):
         raise InputError(f"models: should be folders of different names, got {', '.join(names) or 'none'}")
     tensors: dict[str, ndarray] = {}
