@@ -93,9 +93,9 @@ def test_each_state_looks_at_the_partner_as_much_as_people_do(made, plain):
     # Thinking: 0.20 (Kendon 1967, hesitant speech). Idle: 0.61 (Argyle & Ingham 1972, all of a conversation).
     assert 0.15 <= np.mean(found["thinking"]) <= 0.32 and max(found["thinking"]) <= 0.40
     assert 0.50 <= np.mean(found["idle"]) <= 0.70
-    # Speaking is the model's.
+    # Speaking is the model's, which does not avert gaze of its own while it thinks.
     assert found["speaking"] == pytest.approx([contact(each, "speaking") for each in plain], abs=0.05)
-    assert np.ptp([contact(each, "thinking") for each in plain]) > 0.3
+    assert min(contact(each, "thinking") for each in plain) > max(found["thinking"])
 
 
 def test_thinking_looks_up_or_aside_more_than_down(made):
