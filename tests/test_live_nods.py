@@ -162,9 +162,9 @@ def test_nods_of_models_with_any_lookahead_are_causal(latency_s: float) -> None:
         whole.push(partner)
         parts = []
         for time in times:
-            heard = round((time + latency_s) * SAMPLE_RATE)
-            steps.push(partner[given:heard])
-            given = heard
+            needed = round((time + latency_s) * SAMPLE_RATE)
+            steps.push(partner[given:needed])
+            given = needed
             parts.append(steps.rotation(np.array([time]), True))
         np.testing.assert_array_equal(np.concatenate(parts), whole.rotation(times, True))
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
+
+from pipelines.result_tables import read_tables
 
 COLUMNS = ("random", "untrained", "talkingeyes_paper", "talkingeyes", "talkingeyes_events")
 ROWS = {
@@ -38,3 +41,19 @@ def test_figures_are_those_of_the_report(lines: list[str], repository: Path) -> 
         assert table[title] == [f"{found[name][requirement]['value']:.2f}" for name in COLUMNS], title
     met = [f"{sum(each['met'] for each in report[name])} of {len(report[name])}" for name in COLUMNS]
     assert table["Requirements met"] == met
+
+
+def test_figures_of_the_release_are_those_of_its_report(lines: list[str], repository: Path) -> None:
+    newest = (repository / "docs" / "releases.md").read_text().split("\n## ")[-1]
+    tables = read_tables(newest)
+    timing, required = tables["Averted gaze around events of speech"], tables["Requirements"]
+
+    def figure(table, first: str, column: str) -> float:  # type: ignore[no-untyped-def]
+        place = next(at for at, name in enumerate(table.columns) if name.startswith(column))
+        cell = next(row for row in table.rows if row[0].startswith(first))[place]
+        return float(cell.replace("**", "").split()[0])
+
+    rise = [figure(timing, "averted at speech onsets, rise", name) for name in ("TalkingEyes, events", "Truth")]
+    fall = figure(required, "drop of averted gaze after speech onsets", "TalkingEyes, events")
+    stated = re.search(r"rises (\S+) and falls (\S+) times as much as the truth's", " ".join(lines))
+    assert stated and stated.groups() == (f"{rise[0] / rise[1]:.2f}", f"{fall:.2f}")

@@ -337,8 +337,8 @@ class TestStreams:
         with service.stream() as connection:
             connection.send('{"seed": 1, "channels": 2}')
             rows, end = spoken(connection, np.stack([own, partner], axis=1))
-        heard = (np.frombuffer(pcm(partner), "<i2") / np.float32(32768)).astype(np.float32)
-        whole = live.generate_offline(own.astype(np.float32), 1, partner=heard)
+        received = (np.frombuffer(pcm(partner), "<i2") / np.float32(32768)).astype(np.float32)
+        whole = live.generate_offline(own.astype(np.float32), 1, partner=received)
         assert np.abs(whole.head - live.generate_offline(own.astype(np.float32), 1).head).max() > np.radians(1.0)
         assert end["frames"] == len(rows) == 6 * 25
         from talkingeyes.animation.line_of_sight import to_forward_axes

@@ -173,6 +173,16 @@ def test_splits_have_the_sizes_of_the_settings():
     assert len(speakers["unseen"]) == 12 and not speakers["unseen"] & speakers["train"]
 
 
+def test_the_content_hash_covers_observations(tmp_path):
+    hashes = set()
+    for number, noise in enumerate((0.12, 0.13)):
+        overrides = ["synthesize=tiny", f"synthesize.noise.landmark.white_px={noise}"]
+        settings = SynthesizeSettings(**compose(overrides)["synthesize"])
+        job = synthesize.sound_jobs(settings)[0]
+        hashes.add(synthesize.synthesize_sound(tmp_path / str(number), settings, job)[0].content_hash)
+    assert len(hashes) == 2
+
+
 def test_fractions_of_listening_and_emotions_are_as_configured():
     overrides = ["synthesize.clips=2000", "synthesize.dialogue_share=0.3", "synthesize.neutral_share=0.6"]
     sounds = plan.plan_sounds(SynthesizeSettings(**compose(["synthesize=tiny", *overrides])["synthesize"]))

@@ -15,11 +15,11 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from websockets.sync.client import ClientConnection, connect
+from stream_client import connect_when_ready
+from websockets.sync.client import ClientConnection
 
 RATE, CHUNK = 16_000, 640  # samples: 40 ms
 URL = "ws://127.0.0.1:8030/stream"
-START_S = 60.0  # time limit for a service that is starting
 
 
 def chunks(speech: str) -> Iterator[bytes]:
@@ -42,7 +42,7 @@ def chunks(speech: str) -> Iterator[bytes]:
 def live_frames(sound: Iterator[bytes], url: str, request: dict, changes: Path | None = None) -> Iterator[dict]:
     """Frames (docs/live.md) as they come. Raises RuntimeError with the reason of the service."""
     sent = 0
-    with _connect(url) as socket:
+    with connect_when_ready(url) as socket:
         socket.send(json.dumps({**request, "format": "json"}))
         _content(socket.recv())
         for chunk in sound:
@@ -69,17 +69,6 @@ def arguments(description: str, to: str) -> argparse.Namespace:
     parser.add_argument("--request", type=json.loads, default={}, help='such as {"seed": 1, "eye_contact": 0.8}')
     parser.add_argument("--changes", type=Path, help="a file; each line that is added is a change")
     return parser.parse_args()
-
-
-def _connect(url: str) -> ClientConnection:
-    until = time.monotonic() + START_S
-    while True:
-        try:
-            return connect(url)
-        except ConnectionRefusedError:
-            if time.monotonic() > until:
-                raise
-            time.sleep(0.5)
 
 
 def _received(socket: ClientConnection, timeout: float) -> Iterator[dict]:

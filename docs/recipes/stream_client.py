@@ -15,8 +15,7 @@ import sys
 import time
 from pathlib import Path
 
-import soundfile
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 
 CHUNK_S = 0.04
 START_S = 60.0  # time limit for a service that is starting
@@ -26,7 +25,7 @@ def stream(sound: bytes, url: str, rate: int = 16_000, seed: int = 0, real_time:
     """Rows of poses for 16-bit mono PCM. Raises RuntimeError with the reason of the server."""
     rows: list[list[float]] = []
     step = 2 * int(CHUNK_S * rate)
-    with _connect(url) as socket:
+    with connect_when_ready(url) as socket:
         socket.send(json.dumps({"seed": seed}))
         about = _json(socket.recv())  # {"fps": 25.0, "latency_s": 0.237, "columns": ...}
         started = time.monotonic()
@@ -41,7 +40,8 @@ def stream(sound: bytes, url: str, rate: int = 16_000, seed: int = 0, real_time:
     return rows
 
 
-def _connect(url: str):
+def connect_when_ready(url: str) -> ClientConnection:
+    """A connection to a service that may still be starting."""
     until = time.monotonic() + START_S
     while True:
         try:
@@ -75,6 +75,8 @@ def _json(message: str | bytes) -> dict:
 
 
 if __name__ == "__main__":
+    import soundfile
+
     file = Path(sys.argv[1])
     speech, rate = soundfile.read(file, dtype="int16")
     if rate != 16_000 or speech.ndim != 1:

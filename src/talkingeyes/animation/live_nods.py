@@ -1,6 +1,6 @@
 """Nods of a stream: the ends of the partner's phrases, found while the sound comes, and the nods that answer them.
 
-Files find phrases in the whole sound (`audio/voice_activity.py`) and sample a nod of one to three strokes 0.1 to 0.5 s
+Files find phrases in the whole sound (`audio/voice_activity.py`) and sample one to three nods 0.1 to 0.5 s
 after some of their ends (`synthesis/head_gestures.py: listener_nods`, probability 0.4). A stream samples from the same
 function. An end is known 0.26 s later, as a phrase may have gaps of 0.25 s. A stream has the sound up to 0.237 s after
 the frame that it gives, so an end is known before its earliest nod; a model with less lookahead nods once it is known.
