@@ -5,7 +5,7 @@ resumes: trials left running count as failed, n_trials refers to the whole study
 the number of trials, because a sampler that restarts from its seed proposes the same trials again.
 
 Reads   conf/ as composed by Hydra, and the study's storage
-Writes  the study; at the end <workspace>/<study>/: trials.csv and, with two objectives, pareto.png
+Writes  the study; at the end <workspace>/<study>/: trials.csv, importances.csv and, with two objectives, pareto.png
 """
 
 from __future__ import annotations
@@ -13,15 +13,16 @@ from __future__ import annotations
 import csv
 import json
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import CONFIG_DIR, compose, one_line_hydra_errors, validate_config
-from talkingeyes.orchestration.mlflow_logging import log_run
+from talkingeyes.orchestration.mlflow_logging import log_study
 from talkingeyes.orchestration.run import Report
 
 # User attribute of the study that stores the search space.
@@ -199,7 +200,8 @@ def plain_search_space(search: SearchConfig) -> dict[str, Any]:
 
 
 def write_results(study: OptunaStudy) -> None:
-    """Write all trials, plot the Pareto front of two objectives, and log both as the run of the sweep."""
+    """Write all trials and the importances of parameters, plot the Pareto front of two objectives, and log all as the
+    run of the study."""
     from optuna.trial import TrialState
 
     search, trials = study.search, study.optuna.get_trials(deepcopy=False)
@@ -209,6 +211,9 @@ def write_results(study: OptunaStudy) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     _write_trials(folder / "trials.csv", trials, figures)
     artifacts = [folder / "trials.csv"]
+    if importances := _importances(study.optuna, len(figures)):
+        artifacts.append(folder / "importances.csv")
+        _write_importances(artifacts[-1], importances, figures)
     best = study.optuna.best_trials if complete else []
     if len(figures) == 2 and complete:
         from talkingeyes.evaluation.model_selection.pareto import plot_pareto_front
@@ -223,15 +228,7 @@ def write_results(study: OptunaStudy) -> None:
     metrics = {f"trials_{state}": float(count) for state, count in states.items()}
     if len(figures) == 1 and best:
         metrics[f"best_{figures[0]}"] = best[0].values[0]
-    log_run(
-        Path(search.params["workspace"]),
-        "sweep",
-        search.name,
-        search.params,
-        {"objective"},
-        0.0,
-        Report(metrics, artifacts),
-    )
+    log_study(Path(search.params["workspace"]), search.name, Report(metrics, artifacts))
     print(f"study {search.name}: {states['complete']} trials complete, {states['pruned']} pruned; {folder}")
     for trial in best:
         values = ", ".join(f"{name} {value:.4g}" for name, value in zip(figures, trial.values, strict=True))
@@ -248,6 +245,34 @@ def _write_trials(path: Path, trials: Sequence[Any], figures: Sequence[str]) -> 
             writer.writerow(
                 [trial.number, trial.state.name.lower(), *values, *(trial.params.get(key, "") for key in keys)]
             )
+
+
+def _importances(study: Any, objectives: int) -> list[dict[str, float]]:
+    """Share of each parameter in the variance of each objective (fANOVA, Hutter et al. 2014); none if the trials do
+    not determine it."""
+    from optuna.importance import FanovaImportanceEvaluator, get_param_importances
+
+    try:
+        return [
+            get_param_importances(
+                study, evaluator=FanovaImportanceEvaluator(seed=0), target=partial(_objective_value, index)
+            )
+            for index in range(objectives)
+        ]
+    except (RuntimeError, ValueError):  # fewer than two complete trials, or equal values in all
+        return []
+
+
+def _objective_value(index: int, trial: Any) -> float:
+    return float(trial.values[index])
+
+
+def _write_importances(path: Path, importances: Sequence[Mapping[str, float]], figures: Sequence[str]) -> None:
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["parameter", *figures])
+        for key in sorted(importances[0], key=importances[0].__getitem__, reverse=True):
+            writer.writerow([key, *(f"{each[key]:.3f}" for each in importances)])
 
 
 def _parsed(overrides: Sequence[str]) -> list[Any]:

@@ -15,6 +15,7 @@ from talkingeyes.orchestration.mlflow_logging import (
     experiment_name,
     flatten,
     log_run,
+    log_study,
     method_parameters,
     run_name,
 )
@@ -93,6 +94,26 @@ def test_an_experiment_is_a_study_a_delta_or_dvcs_own(monkeypatch):
     assert experiment_name(PARAMS, ["experiment=tiny", "sweep=free_running"]) == "alive"
     monkeypatch.setenv("DVC_EXP_NAME", "calm")
     assert experiment_name(PARAMS, ["experiment=tiny"]) == "calm"
+
+
+def test_rows_of_a_study_are_nested_in_its_run(tmp_path, recorded_root):
+    front = tmp_path / "pareto.png"
+    front.write_bytes(b"png")
+    for weight in (0.1, 0.2):
+        row = Report(rows=[MethodResult("vae", {"val/corr": weight})])
+        log_run(
+            recorded_root, "experiment", "alive", PARAMS, set(), 0.0, row, ["sweep=free_running", f"weight={weight}"]
+        )
+    log_study(recorded_root, "alive", Report({"trials_complete": 2.0}, [front]))
+    client = mlflow_client(recorded_root)
+    runs = client.search_runs([client.get_experiment_by_name("experiments").experiment_id])
+    (study,) = (run for run in runs if run.info.run_name == "alive")
+    assert study.data.metrics == {"trials_complete": 2.0}
+    assert study.info.status == "FINISHED"
+    assert [file.path for file in client.list_artifacts(study.info.run_id)] == ["pareto.png"]
+    trials = [run for run in runs if run is not study]
+    assert len(trials) == 2
+    assert all(run.data.tags["mlflow.parentRunId"] == study.info.run_id for run in trials)
 
 
 def test_row_is_logged_once_with_plot_and_configuration(tmp_path, recorded_root):

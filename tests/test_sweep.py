@@ -140,6 +140,11 @@ def test_killed_sweep_resumes_without_repeats(repository, tmp_path):
     assert states.count("FAIL") == 1  # the one that was killed
     assert len(lines) == 9 > before
     assert (tmp_path / "codebook_size/pareto.png").stat().st_size > 5000
+    header, *importances = (tmp_path / "codebook_size/importances.csv").read_text().splitlines()
+    assert header == "parameter,tie_gaze_in_space,dynamics_distance"
+    shares = {line.split(",")[0].rsplit(".", 1)[1]: line.split(",")[1:] for line in importances}
+    assert set(shares) == {"codes", "gaze_codes", "head_kl", "head_velocity"}
+    assert float(shares["codes"][0]) > 0.5, "the first objective of FAKE is mostly the number of codes"
     assert "study codebook_size: 8 trials complete" in result.stdout
     assert prepare([*arguments[1:], "hydra.sweeper.n_trials=8"]).remaining_trials == 0
 

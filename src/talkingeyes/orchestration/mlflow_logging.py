@@ -1,7 +1,8 @@
 """Logging to MLflow: the workspace's mlflow.db, without a server. `make ui` shows it.
 
 Experiment `stages` holds one run per call of a stage. Experiment `experiments` holds one flat row per method and seed,
-with the parameters that the row depends on, and the whole composition as a file. Logging does not change results, so no
+with the parameters that the row depends on, and the whole composition as a file; rows of a study are nested in the run
+of the study, which has its results. Logging does not change results, so no
 stage depends on this file in dvc.yaml. If MLFLOW_TRACKING_URI is set, runs are logged to that server instead.
 """
 
@@ -16,7 +17,7 @@ import time
 import warnings
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ EXCLUDED_SECTIONS = {"machine", "workspace", "result_store", "target", "objectiv
 # Sections that only models depend on, unlike truth, fitted and mismatched motion.
 MODEL_SECTIONS = {"pretrain", "train", "model", "validate", "sample"}
 CORPUS_INDEX = "clips.parquet"
+MLFLOW_PARENT = "mlflow.parentRunId"
 REPOSITORY_ROOT = Path(__file__).resolve().parents[3]
 MAX_LOGGING_S = 3600  # no run takes this long to be written
 
@@ -102,11 +104,31 @@ def log_run(
             return
         experiment = get_experiment(client, root, "experiments", {TAG: saved_view()})
         _end_killed(client, experiment)
+        study = study_name(params, overrides)
+        parent = {MLFLOW_PARENT: _study_run(client, experiment, study, tags)} if study else {}
         for row in report.rows:
             of_row = _run_of(row, params, tags, overrides)
+            of_row = replace(of_row, tags={**of_row.tags, **parent})
             same = f"tags.key = '{of_row.tags['key']}' and attributes.status = 'FINISHED'"
             if not client.search_runs([experiment], same, max_results=1):
                 client.log_text(_log(client, experiment, of_row), json.dumps(params, indent=1), "params.json")
+
+
+def log_study(root: Path, study: str, report: Report) -> None:
+    """Add metrics and files to the run of a study, in which the rows of its trials are nested."""
+    client = _client(root)
+    with exclusive(root):
+        experiment = get_experiment(client, root, "experiments", {TAG: saved_view()})
+        run_id = _study_run(client, experiment, study, {"experiment": study, "revision": revision()})
+        _write(client, run_id, _Run(study, {}, report.metrics, {}, report.artifacts))
+
+
+def _study_run(client: Any, experiment: str, study: str, tags: Mapping[str, str]) -> str:
+    """Id of the run of a study, which is made if it is missing."""
+    found = client.search_runs([experiment], f"tags.study = '{study}'", max_results=1)
+    if found:
+        return str(found[0].info.run_id)
+    return _log(client, experiment, _Run(study, {}, {}, {"study": study, **tags}, ()))
 
 
 def flatten(node: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -169,9 +191,13 @@ def run_name(method: str, params: Mapping[str, Any], experiment: str, overrides:
 
 def experiment_name(params: Mapping[str, Any], overrides: Sequence[str]) -> str:
     """Name of the experiment of a run: that of `dvc exp run`, a study, a file of conf/experiment/, or `default`."""
-    given = _given(overrides)
-    study = params.get("study", "default") if {"sweep", "study"} & set(given) else None
-    return str(os.environ.get("DVC_EXP_NAME") or study or given.get("experiment") or "default")
+    named = os.environ.get("DVC_EXP_NAME") or study_name(params, overrides) or _given(overrides).get("experiment")
+    return str(named or "default")
+
+
+def study_name(params: Mapping[str, Any], overrides: Sequence[str]) -> str | None:
+    """Name of the study that a run belongs to, if it is one of a sweep."""
+    return str(params.get("study", "default")) if {"sweep", "study"} & set(_given(overrides)) else None
 
 
 def _run_of(row: MethodResult, params: Mapping[str, Any], tags: Mapping[str, str], overrides: Sequence[str]) -> _Run:
@@ -268,11 +294,17 @@ def exclusive(root: Path) -> AbstractContextManager[Any]:
 
 
 def _log(client: Any, experiment: str, run: _Run) -> str:
-    """Write a run and return its id."""
+    """Create a run, write it, and return its id."""
+    run_id: str = client.create_run(experiment, run_name=run.name, tags=dict(run.tags)).info.run_id
+    _write(client, run_id, run)
+    client.set_terminated(run_id)
+    return run_id
+
+
+def _write(client: Any, run_id: str, run: _Run) -> None:
     from mlflow.entities import Metric, Param
 
     now = int(time.time() * 1000)
-    run_id: str = client.create_run(experiment, run_name=run.name, tags=dict(run.tags)).info.run_id
     points = [Metric(key, float(value), now, 0) for key, value in run.metrics.items()]
     points += [
         Metric(f"curve/{key}", float(value), now, int(row["step"]))
@@ -286,8 +318,6 @@ def _log(client: Any, experiment: str, run: _Run) -> str:
         client.log_batch(run_id, metrics=some_metrics, params=some_params)
     for path in run.artifacts:
         client.log_artifact(run_id, str(path))
-    client.set_terminated(run_id)
-    return run_id
 
 
 def _end_killed(client: Any, experiment: str) -> None:
