@@ -12,8 +12,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.faces import face_recordings
@@ -23,23 +22,23 @@ from talkingeyes.corpus.store import Corpus
 from talkingeyes.fitting.motion_style import SPEAKERS_FILE
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.sag import FaceSurface
-from talkingeyes.models.baselines import BaselineSettings, build_bank, build_motion_bank
+from talkingeyes.models.baselines import BaselineSettings, MotionBank
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main
+from talkingeyes.training.baseline_checkpoint import save_baseline
 from talkingeyes.training.canonical_gaze import CanonicalModelSettings, fit_canonical_gaze, save_canonical
 from talkingeyes.training.checkpoint import load, save
-from talkingeyes.training.conditioning import ConditioningPaths
+from talkingeyes.training.conditioning import ConditioningPaths, motion_array
 from talkingeyes.training.execution import ExecutionContext
-from talkingeyes.training.face_generators import face_config, save_face_baseline
+from talkingeyes.training.face_generators import face_config, face_space
 from talkingeyes.training.face_task import FaceData, FaceTask, FaceTaskSettings
 from talkingeyes.training.face_tokenizer import load_face_tokenizer
 from talkingeyes.training.loop import train
 from talkingeyes.training.motion_generators import (
     HeadThenGazeSettings,
     network_config,
-    save_baseline,
     save_head_then_gaze,
 )
 from talkingeyes.training.motion_task import MotionTask, MotionTaskSettings, TrainSettings
@@ -74,10 +73,7 @@ def _fit_without_loop(workspace: Workspace, name: str, kind: str | None, seed: i
         return _combine_models(workspace, name, workspace.settings(f"model.{name}", HeadThenGazeSettings))
     if kind == "canonical_correlation":
         return _canonical(workspace, name, workspace.settings(f"model.{name}", CanonicalModelSettings), seed)
-    settings = workspace.settings(f"model.{name}", BaselineSettings)
-    return (
-        _face_baseline(workspace, name, settings) if "face" in settings.parts else _baseline(workspace, name, settings)
-    )
+    return _baseline(workspace, name, workspace.settings(f"model.{name}", BaselineSettings))
 
 
 def _network(
@@ -278,30 +274,20 @@ def _codebook(workspace: Workspace, tokenizer: str | None) -> GazeVQVAE | None:
 
 
 def _baseline(workspace: Workspace, name: str, settings: BaselineSettings) -> Report:
-    embed = workspace.data("embed")
-    normaliser = Normaliser.of(embed)
-    clips = recordings(Corpus(workspace.corpus), workspace.data("fit"), embed, "train")
-    std = np.maximum(normaliser.std, 1e-6)
-    bank = build_bank(
-        [(np.asarray(each.speech) - normaliser.mean) / std for each in clips],
-        [each.head for each in clips],
-        [each.gaze for each in clips],
-    )
+    """A bank of the motions of the train split: faces, or heads and gaze."""
+    more: dict[str, Any] = {}
+    if "face" in settings.parts:
+        faces = _face_data(workspace)
+        more = face_space(faces)
+        clips = [(each.speech, faces.basis.to_vector(each.expression, each.jaw)) for each in faces.train]
+    else:
+        corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
+        clips = [(each.speech, motion_array(each.head, each.gaze)) for each in recordings(corpus, fit, embed, "train")]
+    normaliser = Normaliser.of(workspace.data("embed"))
+    speech, motions = zip(*clips, strict=True)
+    bank = MotionBank.of(speech, motions, normaliser.mean, normaliser.std)
     with workspace.output("train", name) as folder:
-        save_baseline(folder, settings, bank, normaliser.mean, normaliser.std)
-        _copy_inference_files(workspace, folder)
-    return Report(metrics={"clips": len(bank.features)})
-
-
-def _face_baseline(workspace: Workspace, name: str, settings: BaselineSettings) -> Report:
-    data = _face_data(workspace)
-    std = np.maximum(data.normaliser.std, 1e-6)
-    bank = build_motion_bank(
-        [(np.asarray(each.speech) - data.normaliser.mean) / std for each in data.train],
-        [data.basis.to_vector(each.expression, each.jaw) for each in data.train],
-    )
-    with workspace.output("train", name) as folder:
-        save_face_baseline(folder, settings, bank, data)
+        save_baseline(folder, settings, bank, more)
         _copy_inference_files(workspace, folder)
     return Report(metrics={"clips": len(bank.features)})
 

@@ -12,7 +12,7 @@ import torch
 from toy_faces import BASIS, NAMES, data, faces
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.models.baselines import BaselineSettings, build_motion_bank
+from talkingeyes.models.baselines import BaselineSettings, MotionBank
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import FaceStyle, StyleKey, StyleVocabulary
 from talkingeyes.models.face.vqvae import FaceVQVAE, FaceVQVAESettings, merge_codes, split_codes
@@ -20,12 +20,8 @@ from talkingeyes.models.layers import attention
 from talkingeyes.models.layers.attention import WindowAttention
 from talkingeyes.models.layers.correlated_noise import correlated_normal, normal_to_gumbel
 from talkingeyes.training import checkpoint
-from talkingeyes.training.face_generators import (
-    TrainedFaceGenerator,
-    face_config,
-    load_face_generator,
-    save_face_baseline,
-)
+from talkingeyes.training.baseline_checkpoint import save_baseline
+from talkingeyes.training.face_generators import TrainedFaceGenerator, face_config, face_space, load_face_generator
 from talkingeyes.training.face_task import FaceTask, FaceTaskSettings
 from talkingeyes.training.face_tokenizer import (
     FaceTokenizer,
@@ -383,8 +379,9 @@ def baseline(kind: str, folder: Path) -> TrainedFaceGenerator:
     known = data()
     settings = BaselineSettings.model_validate({"kind": kind, "parts": ["face"], "tokenizer": None, "neighbours": 2})
     joined_faces = [BASIS.to_vector(each.expression, each.jaw) for each in known.train]
-    bank = build_motion_bank([each.speech for each in known.train], joined_faces)
-    save_face_baseline(folder, settings, bank, known)
+    speech, normaliser = [each.speech for each in known.train], known.normaliser
+    bank = MotionBank.of(speech, joined_faces, normaliser.mean, normaliser.std)
+    save_baseline(folder, settings, bank, face_space(known))
     return load_face_generator(folder)
 
 

@@ -14,12 +14,14 @@ from toy import CHANNELS, recordings
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.recordings import Normaliser
-from talkingeyes.models.baselines import BaselineSettings, build_bank
+from talkingeyes.models.baselines import BaselineSettings, MotionBank
 from talkingeyes.training import checkpoint
+from talkingeyes.training.baseline_checkpoint import save_baseline
+from talkingeyes.training.conditioning import motion_array
 from talkingeyes.training.free_running import free_running_statistics
 from talkingeyes.training.gaze_tokenizer import GazeTokenizerSettings, GazeTokenizerTask
 from talkingeyes.training.loop import LoopSettings, train
-from talkingeyes.training.motion_generators import load_generator, network_config, save_baseline
+from talkingeyes.training.motion_generators import load_generator, network_config
 from talkingeyes.training.motion_task import MotionTask, MotionTaskSettings
 from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, motion_statistics
 
@@ -257,8 +259,9 @@ def baseline(kind: str, tmp_path: Any) -> Any:
     settings = BaselineSettings.model_validate(
         {"kind": kind, "parts": ["head", "gaze"], "tokenizer": None, "neighbours": 3}
     )
-    bank = build_bank([c.speech for c in clips], [c.head for c in clips], [c.gaze for c in clips])
-    save_baseline(tmp_path, settings, bank, NORMALISER.mean, NORMALISER.std)
+    motions = [motion_array(each.head, each.gaze) for each in clips]
+    bank = MotionBank.of([each.speech for each in clips], motions, NORMALISER.mean, NORMALISER.std)
+    save_baseline(tmp_path, settings, bank)
     return clips, load_generator(tmp_path)
 
 

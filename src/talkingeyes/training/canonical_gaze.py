@@ -18,6 +18,7 @@ from numpy import ndarray
 
 from talkingeyes.core.settings import Settings, validate_section
 from talkingeyes.corpus.recordings import Normaliser, Recording
+from talkingeyes.models.baselines import standardise
 from talkingeyes.models.gaze.canonical_correlation import (
     CanonicalCorrelation,
     CanonicalCorrelationSettings,
@@ -55,7 +56,7 @@ class CanonicalGaze:
         self, embedding: Float[ndarray, "T C"], head: Float[ndarray, "S T 3"]
     ) -> Float[ndarray, "S T 2 3"]:
         """One gaze motion per head motion."""
-        standard = _standard(embedding, self.mean, self.std)
+        standard = standardise(embedding, self.mean, self.std)
         return np.stack([generate_gaze(self.settings, self.correlation, standard, each) for each in head])
 
 
@@ -64,7 +65,7 @@ def fit_canonical_gaze(
 ) -> CanonicalGaze:
     """Fit the regression to the train split."""
     mean, std = normaliser.mean, normaliser.std
-    examples = [Example(_standard(np.asarray(each.speech), mean, std), each.head, each.gaze) for each in recordings]
+    examples = [Example(standardise(each.speech, mean, std), each.head, each.gaze) for each in recordings]
     return CanonicalGaze(settings.gaze, fit_canonical_correlation(settings.gaze, examples, seed), mean, std)
 
 
@@ -93,9 +94,3 @@ def load_canonical(checkpoint: Checkpoint) -> CanonicalGaze:
 
 def _own_arrays() -> list[str]:
     return [each.name for each in fields(CanonicalCorrelation) if each.name != "feature_map"]
-
-
-def _standard(
-    embedding: Float[ndarray, "T C"], mean: Float[ndarray, " C"], std: Float[ndarray, " C"]
-) -> Float[ndarray, "T C"]:
-    return np.asarray((embedding - mean) / np.maximum(std, 1e-6))

@@ -18,11 +18,11 @@ from numpy import ndarray
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings, validate_section
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.models import baselines
-from talkingeyes.models.baselines import BaselineSettings, MotionBank
+from talkingeyes.models.baselines import BaselineSettings, MotionBank, sample_bank
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs, InputName
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.speech_to_motion import MotionBatch, SpeechToMotion
+from talkingeyes.training.baseline_checkpoint import load_baseline
 from talkingeyes.training.canonical_gaze import HEAD_PREFIX, CanonicalGaze, load_canonical
 from talkingeyes.training.checkpoint import Checkpoint, build_network, load, save
 from talkingeyes.training.motion_task import MotionTaskSettings
@@ -81,8 +81,6 @@ class BaselineGenerator:
 
     settings: BaselineSettings
     bank: MotionBank
-    mean: Float[ndarray, " C"]
-    std: Float[ndarray, " C"]
 
     def generate(
         self,
@@ -92,9 +90,8 @@ class BaselineGenerator:
         conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples:
         """Sample from the bank."""
-        standardised = (embedding - self.mean) / np.maximum(self.std, 1e-6)
-        out = baselines.generate(self.settings, self.bank, standardised, seeds)
-        return Samples(fps, out.head.astype(np.float64), out.gaze.astype(np.float64))
+        motion = sample_bank(self.settings, self.bank, embedding, seeds).astype(np.float64)
+        return Samples(fps, motion[..., :3], motion[..., 3:].reshape(*motion.shape[:2], 2, 3))
 
 
 class HeadThenGazeSettings(Settings):
@@ -206,16 +203,6 @@ def network_config(
     }
 
 
-def save_baseline(folder: Path, settings: BaselineSettings, bank: MotionBank, mean: ndarray, std: ndarray) -> None:
-    """Write a baseline as a checkpoint."""
-    arrays = {"starts": bank.starts, "motion": bank.motion, "features": bank.features, "mean": mean, "std": std}
-    save(
-        folder,
-        {k: torch.from_numpy(np.asarray(v)) for k, v in arrays.items()},
-        {"model": settings.model_dump(mode="json")},
-    )
-
-
 def load_generator(folder: Path) -> TrainedGenerator:
     """Load the model of a folder of the train stage. Raises InputError if it is missing or damaged."""
     checkpoint = load(folder)
@@ -235,7 +222,7 @@ def _generator(checkpoint: Checkpoint) -> TrainedGenerator:
         return HeadThenGaze(_generator(_part(checkpoint, "head")), _network(_part(checkpoint, "gaze")))
     if kind == "canonical_correlation":
         return HeadThenCanonical(_generator(_part(checkpoint, HEAD_PREFIX)), load_canonical(checkpoint))
-    return _baseline(checkpoint)
+    return BaselineGenerator(*load_baseline(checkpoint))
 
 
 def _part(checkpoint: Checkpoint, part: str) -> Checkpoint:
@@ -255,10 +242,3 @@ def _network(checkpoint: Checkpoint) -> SpeechToMotion:
         return SpeechToMotion(settings, config["channels"], codebook, config["speakers"], config["architecture"])
 
     return build_network(build, checkpoint.tensors)
-
-
-def _baseline(checkpoint: Checkpoint) -> BaselineGenerator:
-    arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in checkpoint.tensors.items()}
-    bank = MotionBank(arrays["starts"], arrays["motion"], arrays["features"])
-    settings = validate_section("model", BaselineSettings, checkpoint.config["model"])
-    return BaselineGenerator(settings, bank, arrays["mean"], arrays["std"])
