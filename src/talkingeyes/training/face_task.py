@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
@@ -16,9 +17,9 @@ from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.speech_to_face import SpeechToFace, SpeechToFaceSettings
 from talkingeyes.training.face_tokenizer import FaceTokenizer
 from talkingeyes.training.face_validation import energy_score, speed_ratio
-from talkingeyes.training.face_windows import FaceStatistics, FaceWindowDataset
+from talkingeyes.training.face_windows import FaceStatistics, face_batch
 from talkingeyes.training.loop import LoopSettings
-from talkingeyes.training.windows import WindowSettings
+from talkingeyes.training.windows import WindowDataset, WindowSettings
 
 VALIDATION_SAMPLES = 4
 
@@ -49,7 +50,9 @@ class FaceTask:
     def __init__(self, settings: FaceTaskSettings, seed: int, data: FaceData, tokenizer: FaceTokenizer | None) -> None:
         torch.manual_seed(seed)
         self.settings, self.data = settings, data
-        self.windows = FaceWindowDataset(data.train, data.basis, data.vocabulary, settings.windows, seed)
+        self.windows = WindowDataset(
+            data.train, settings.windows, seed, partial(face_batch, data.basis, data.vocabulary)
+        )
         self.rng = self.windows.rng
         # The first take of each val sound, up to the number of validation clips.
         self.validation_recordings = [each for each in data.val if each.clip.take == 0][: settings.validation_clips]

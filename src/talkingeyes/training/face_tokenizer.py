@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -23,9 +24,9 @@ from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.face.vqvae import FaceVQVAE
 from talkingeyes.models.layers.quantiser import perplexity
 from talkingeyes.training.checkpoint import load
-from talkingeyes.training.face_windows import FaceStatistics, FaceWindowDataset
+from talkingeyes.training.face_windows import FaceStatistics, face_batch
 from talkingeyes.training.loop import LoopSettings
-from talkingeyes.training.windows import WindowSettings
+from talkingeyes.training.windows import WindowDataset, WindowSettings
 
 STATISTICS_WINDOWS = 64  # training windows for the statistics of latents
 
@@ -74,7 +75,7 @@ class FaceTokenizerTask:
         self.settings, self.basis, self.train_faces, self.val_faces = settings, basis, train, val
         self.module: Any = FACE_AUTOENCODERS.build(settings.network, basis.numbers)
         vocabulary = StyleVocabulary.of(each.clip for each in train)
-        self.windows = FaceWindowDataset(train, basis, vocabulary, settings.windows, settings.seed)
+        self.windows = WindowDataset(train, settings.windows, settings.seed, partial(face_batch, basis, vocabulary))
         self.rng = self.windows.rng
         face_statistics = FaceStatistics.of(train)
         self.module.normalise_by(face_statistics.mean, face_statistics.scale)

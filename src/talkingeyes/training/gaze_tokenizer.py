@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -21,7 +22,7 @@ from talkingeyes.models.layers import distributed
 from talkingeyes.models.layers.quantiser import perplexity
 from talkingeyes.models.losses import sum_if_printed
 from talkingeyes.training.loop import LoopSettings
-from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, motion_statistics
+from talkingeyes.training.windows import WindowDataset, WindowSettings, motion_batch, motion_statistics
 
 
 class GazeTokenizerSettings(Settings):
@@ -61,7 +62,7 @@ class GazeTokenizerTask:
         torch.manual_seed(settings.seed)
         self.settings, self.train_recordings, self.val_recordings = settings, train, val
         self.module = GazeVQVAE(settings.network)
-        self.windows = MotionWindowDataset(train, settings.windows, settings.seed)
+        self.windows = WindowDataset(train, settings.windows, settings.seed, partial(motion_batch, None))
         self.rng = self.windows.rng
         frames = np.concatenate([to_signal(settings.network.signal, each.head, each.gaze) for each in train])
         measured = motion_statistics(frames)
