@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from talkingeyes.core.settings import ComponentSettings
-from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction, TrainingWindows
+from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction
 from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
 
 
@@ -24,9 +24,6 @@ class VAEPose(nn.Module):
     def __init__(self, settings: VAEPoseSettings, speech: int, embedding: int) -> None:
         super().__init__()
         self.vae = ConditionalVAE(settings, 6, speech)
-
-    def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """Do nothing: no training windows are needed."""
 
     def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
         """Reconstruct true poses given their speech."""
