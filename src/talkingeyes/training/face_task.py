@@ -8,15 +8,17 @@ from functools import partial
 
 import numpy as np
 import torch
+from jaxtyping import Float
+from numpy import ndarray
 from torch import Tensor
 
+from talkingeyes.core.energy_score import energy_score
 from talkingeyes.corpus.faces import FaceRecording
 from talkingeyes.corpus.recordings import Normaliser
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.speech_to_face import SpeechToFace, SpeechToFaceSettings
 from talkingeyes.training.face_tokenizer import FaceTokenizer
-from talkingeyes.training.face_validation import energy_score, speed_ratio
 from talkingeyes.training.face_windows import FaceStatistics, face_batch
 from talkingeyes.training.loop import LoopSettings
 from talkingeyes.training.windows import WindowDataset, WindowSettings
@@ -87,6 +89,12 @@ class FaceTask:
             speech = torch.from_numpy(np.array(each.speech))
             generated = self.module.generate(speech, torch.from_numpy(style[None]), seeds, temperature).cpu().numpy()
             true = (self.data.basis.to_vector(each.expression, each.jaw) - mean) / scale
-            scores.append(energy_score((generated - mean) / scale, true))
+            scores.append(float(energy_score((generated - mean) / scale, true).mean()))
             ratios.append(speed_ratio((generated - mean) / scale, true))
         return {"validation_score": -float(np.mean(scores)), "free_running/face_speed_ratio": float(np.mean(ratios))}
+
+
+def speed_ratio(samples: Float[ndarray, "S T F"], true: Float[ndarray, "T F"]) -> float:
+    """Mean change per frame of samples relative to the truth: 0 is frozen, above 1 jitters."""
+    change = np.linalg.norm(np.diff(true, axis=0), axis=-1).mean()
+    return float(np.linalg.norm(np.diff(samples, axis=1), axis=-1).mean() / max(change, 1e-9))
