@@ -24,7 +24,7 @@ from talkingeyes.head.sag import FaceSurface
 from talkingeyes.models.pgface import PGFace, PGFaceNetworkSettings
 from talkingeyes.training.checkpoint import Checkpoint, build_network
 from talkingeyes.training.loop import LoopSettings
-from talkingeyes.training.pose_windows import PoseWindows, cut_windows, pose_scale
+from talkingeyes.training.pose_windows import PoseWindowSampler, cut_windows, pose_scale
 
 BASIS_FRAMES = 800  # approximate number of frames for the shape basis
 
@@ -93,7 +93,7 @@ class PGFaceTask:
         self.module.speech.standardise_by(torch.from_numpy(normaliser.mean), torch.from_numpy(normaliser.std))
         self.module.pose_scale.copy_(torch.from_numpy(pose_scale(train)))
         self._learn_basis()
-        self.windows = PoseWindows(train, settings.network.window + 1, hop=1, seed=seed)
+        self.windows = PoseWindowSampler(train, settings.network.window + 1, hop=1, seed=seed)
         self.rng = self.windows.rng
         self.of_train = [self._coefficients(each) for each in train]
         self.validation_windows = self._validation_windows(val)

@@ -27,7 +27,7 @@ from talkingeyes.models.head.pose_generator import RetrievingPoseGenerator, Trai
 from talkingeyes.models.layers.schedules import set_trained_steps
 from talkingeyes.models.speech_to_pose import START_POSES, PoseBatch, SpeechToPose, SpeechToPoseSettings
 from talkingeyes.training.loop import LoopSettings
-from talkingeyes.training.pose_windows import PoseWindows, cut_windows, pose_scale
+from talkingeyes.training.pose_windows import PoseWindowSampler, cut_windows, pose_scale
 
 
 class PoseWindowSettings(Settings):
@@ -86,7 +86,7 @@ class PoseTask:
         torch.manual_seed(seed)
         self.settings, self.train = settings, train
         length = settings.windows.frames
-        self.windows = PoseWindows(train, length, settings.windows.hop, seed)
+        self.windows = PoseWindowSampler(train, length, settings.windows.hop, seed)
         self.rng = self.windows.rng
         if not self.windows.starts:
             raise InputError(

@@ -27,7 +27,7 @@ class PosedSpeech(Protocol):
     def __len__(self) -> int: ...
 
 
-class PoseWindows:
+class PoseWindowSampler:
     """Samples starts of windows: indices of a recording and of its first frame."""
 
     def __init__(self, recordings: Sequence[PosedSpeech], frames: int, hop: int, seed: int) -> None:
