@@ -12,6 +12,7 @@ from typing import Any
 
 import torch
 import yaml
+from model_conf import model_section
 
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
@@ -29,7 +30,7 @@ def content(*place: str) -> Any:
 
 CODES = {
     "tokenizer": "gaze_patches",
-    "gaze": content("model", "talkingeyes.yaml")["gaze"] | {"condition_lookback": 12, "condition_lookahead": 0},
+    "gaze": model_section("talkingeyes")["gaze"] | {"condition_lookback": 12, "condition_lookahead": 0},
 }
 
 
@@ -53,7 +54,7 @@ def embedding_settings() -> EmbedSettings:
 def write_live_model(folder: Path, speakers: Sequence[str] = (), **changes: Any) -> Path:
     """Write a model with changed top-level settings and these training speakers."""
     torch.manual_seed(3)
-    settings = MotionTaskSettings.model_validate(content("model", "talkingeyes_live.yaml") | changes)
+    settings = MotionTaskSettings.model_validate(model_section("talkingeyes_live") | changes)
     embedding = embedding_settings()
     channels = make_encoder(embedding).channels
     tokenizer = codebook() if settings.tokenizer else None
