@@ -19,6 +19,7 @@ from numpy import ndarray
 from talkingeyes.core.settings import Settings, validate_section
 from talkingeyes.corpus.recordings import Normaliser, Recording
 from talkingeyes.models.baselines import standardise
+from talkingeyes.models.condition.conditioner import ConditioningInputs
 from talkingeyes.models.gaze.canonical_correlation import (
     CanonicalCorrelation,
     CanonicalCorrelationSettings,
@@ -53,9 +54,13 @@ class CanonicalGaze:
     std: Float[ndarray, " C"]
 
     def generate_gaze(
-        self, embedding: Float[ndarray, "T C"], head: Float[ndarray, "S T 3"]
+        self,
+        embedding: Float[ndarray, "T C"],
+        head: Float[ndarray, "S T 3"],
+        seeds: list[int],
+        conditioning: ConditioningInputs,
     ) -> Float[ndarray, "S T 2 3"]:
-        """One gaze motion per head motion."""
+        """One gaze motion per head motion; seeds differ only in the head."""
         standard = standardise(embedding, self.mean, self.std)
         return np.stack([generate_gaze(self.settings, self.correlation, standard, each) for each in head])
 

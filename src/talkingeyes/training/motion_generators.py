@@ -62,6 +62,17 @@ class NetworkGenerator:
         out = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), seeds, None, conditioning)
         return Samples(fps, out.head.numpy().astype(np.float64), out.gaze.numpy().astype(np.float64))
 
+    def generate_gaze(
+        self,
+        embedding: Float[ndarray, "T C"],
+        head: Float[ndarray, "S T 3"],
+        seeds: list[int],
+        conditioning: ConditioningInputs,
+    ) -> Float[ndarray, "S T 2 3"]:
+        """Sample gaze for the heads of another model."""
+        speech, heads = (torch.from_numpy(np.array(each, np.float32)) for each in (embedding, head))
+        return self.network.generate_gaze(speech, heads, seeds, conditioning).numpy()
+
     def log_likelihood(
         self,
         embedding: Float[ndarray, "T C"],
@@ -106,10 +117,10 @@ class HeadThenGazeSettings(Settings):
 
 @dataclass(frozen=True)
 class HeadThenGaze:
-    """The head of one model, and the gaze of another for this head."""
+    """The head of one model, and gaze for this head by another or by canonical correlation."""
 
     head: TrainedGenerator
-    gaze: SpeechToMotion
+    gaze: NetworkGenerator | CanonicalGaze
 
     def generate(
         self,
@@ -119,30 +130,8 @@ class HeadThenGaze:
         conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples:
         """Sample the head first, then gaze for the same speech and head. Both models get the same conditioning."""
-        speech, head = np.array(embedding, np.float32), self.head.generate(embedding, seeds, fps, conditioning).head
-        gaze = self.gaze.generate_gaze(
-            torch.from_numpy(speech), torch.from_numpy(head.astype(np.float32)), seeds, conditioning
-        )
-        return Samples(fps, head, gaze.numpy().astype(np.float64))
-
-
-@dataclass(frozen=True)
-class HeadThenCanonical:
-    """The head of one model, and gaze for it by canonical correlation."""
-
-    head: TrainedGenerator
-    gaze: CanonicalGaze
-
-    def generate(
-        self,
-        embedding: Float[ndarray, "T C"],
-        seeds: list[int],
-        fps: float,
-        conditioning: ConditioningInputs = NO_CONDITIONING,
-    ) -> Samples:
-        """Sample the head first. Seeds differ only in the head."""
         head = self.head.generate(embedding, seeds, fps, conditioning).head
-        return Samples(fps, head, self.gaze.generate_gaze(embedding, head))
+        return Samples(fps, head, self.gaze.generate_gaze(embedding, head, seeds, conditioning).astype(np.float64))
 
 
 def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Checkpoint, gaze: Checkpoint) -> None:
@@ -165,25 +154,21 @@ def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Chec
     save(folder, tensors, config)
 
 
-def required_inputs(generator: TrainedGenerator) -> frozenset[InputName]:
+def required_inputs(generator: TrainedGenerator | CanonicalGaze) -> frozenset[InputName]:
     """Inputs of a trained model besides the embedding."""
     if isinstance(generator, NetworkGenerator | PoseModelGenerator):
         return generator.network.required_inputs
     if isinstance(generator, HeadThenGaze):
-        return generator.gaze.required_inputs | required_inputs(generator.head)
-    if isinstance(generator, HeadThenCanonical):
-        return required_inputs(generator.head)
+        return required_inputs(generator.gaze) | required_inputs(generator.head)
     return frozenset()
 
 
-def training_speakers(generator: TrainedGenerator) -> tuple[str, ...]:
+def training_speakers(generator: TrainedGenerator | CanonicalGaze) -> tuple[str, ...]:
     """The training speakers of a model conditioned on the speaker, in index order."""
     if "speaker" not in required_inputs(generator):
         return ()
-    if isinstance(generator, HeadThenGaze) and "speaker" in generator.gaze.required_inputs:
-        return generator.gaze.speakers
-    if isinstance(generator, HeadThenGaze | HeadThenCanonical):
-        return training_speakers(generator.head)
+    if isinstance(generator, HeadThenGaze):
+        return training_speakers(generator.gaze) or training_speakers(generator.head)
     return generator.network.speakers if isinstance(generator, NetworkGenerator | PoseModelGenerator) else ()
 
 
@@ -219,9 +204,10 @@ def _generator(checkpoint: Checkpoint) -> TrainedGenerator:
     if kind == "speech_to_pose":
         return PoseModelGenerator(pose_network(checkpoint))
     if kind == "head_then_gaze":
-        return HeadThenGaze(_generator(_part(checkpoint, "head")), _network(_part(checkpoint, "gaze")))
+        gaze = NetworkGenerator(_network(_part(checkpoint, "gaze")))
+        return HeadThenGaze(_generator(_part(checkpoint, "head")), gaze)
     if kind == "canonical_correlation":
-        return HeadThenCanonical(_generator(_part(checkpoint, HEAD_PREFIX)), load_canonical(checkpoint))
+        return HeadThenGaze(_generator(_part(checkpoint, HEAD_PREFIX)), load_canonical(checkpoint))
     return BaselineGenerator(*load_baseline(checkpoint))
 
 
