@@ -36,7 +36,7 @@ CODES = {
 
 def codebook() -> GazeVQVAE:
     """Untrained codebook of four frames of gaze in space."""
-    settings = GazeVQVAESettings.model_validate(content("pretrain", "gaze_patches.yaml")["network"])
+    settings = GazeVQVAESettings.model_validate(model_section("gaze_patches", "pretrain")["network"])
     network = GazeVQVAE(settings)
     network.normalise_by(torch.zeros_like(network.mean), 0.2)
     network.quantiser.train()
