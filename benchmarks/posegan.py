@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from talkingeyes.models.speech_to_pose import SpeechToPose
-from talkingeyes.orchestration.config import CONFIG_DIR
+from talkingeyes.orchestration.config import compose
 from talkingeyes.training.checkpoint import load
 from talkingeyes.training.pose_generators import pose_network
 from talkingeyes.training.pose_task import PoseTaskSettings
@@ -28,7 +27,7 @@ def network() -> SpeechToPose:
     """The given model, or an untrained one."""
     if len(sys.argv) > 1:
         return pose_network(load(Path(sys.argv[1])))
-    settings = PoseTaskSettings.model_validate(yaml.safe_load((CONFIG_DIR / "model" / "posegan.yaml").read_text()))
+    settings = PoseTaskSettings.model_validate(compose(("+model@model.posegan=posegan",))["model"]["posegan"])
     return SpeechToPose(settings, [str(index) for index in range(CHANNELS)], list("abcde")).eval()
 
 

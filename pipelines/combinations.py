@@ -34,6 +34,7 @@ from pipelines.table_runs import (
 )
 from talkingeyes.corpus.recordings import recordings
 from talkingeyes.corpus.store import Corpus
+from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.orchestration.mlflow_logging import revision
 from talkingeyes.orchestration.run import Report, Workspace, run_command
 from talkingeyes.orchestration.stage_graph import StageCall
@@ -166,21 +167,20 @@ def page(
         metrics_count=f"; of {of[0]:.0f}" if len(of) == 1 else f"; of {of[0]:.0f} to {of[-1]:.0f}",
     )
     head = [*COLUMNS, *VAL_METRICS.values()]
-    lines = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head), _fitted(next(iter(table.values())))]
-    lines += [_line(name, found) for name, found in table.items()]
-    return introduction + "\n".join(lines) + "\n" + LEFT_OUT
+    lines = [_fitted(next(iter(table.values()))), *(_line(name, found) for name, found in table.items())]
+    return introduction + markdown_table(head, lines) + "\n" + LEFT_OUT
 
 
-def _fitted(seeds: Sequence[Mapping[str, Any]]) -> str:
+def _fitted(seeds: Sequence[Mapping[str, Any]]) -> list[str]:
     """Row of the fitted motion on val, the reference value of Corr."""
     cells = [f"{seeds[0]['val'][FITTED[name]]:.3f}" if name in FITTED else "" for name in VAL_METRICS]
-    return "| " + " | ".join(["*fitted motion*", *[""] * (len(COLUMNS) - 1), *cells]) + " |"
+    return ["*fitted motion*", *[""] * (len(COLUMNS) - 1), *cells]
 
 
-def _line(name: str, seeds: Sequence[Mapping[str, Any]]) -> str:
+def _line(name: str, seeds: Sequence[Mapping[str, Any]]) -> list[str]:
     trained = [seed["training_cpu_s"] for seed in seeds]
     known = [value for value in trained if value is not None]
-    cells = [
+    return [
         *TITLES[name],
         f"{seeds[0]['parameters']:,}",
         f"{np.mean(known):.0f}" if len(known) == len(trained) else "–",
@@ -190,7 +190,6 @@ def _line(name: str, seeds: Sequence[Mapping[str, Any]]) -> str:
             for each in VAL_METRICS
         ),
     ]
-    return "| " + " | ".join(cells) + " |"
 
 
 if __name__ == "__main__":

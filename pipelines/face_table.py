@@ -52,7 +52,7 @@ from talkingeyes.evaluation.face.table import (
 )
 from talkingeyes.evaluation.face.vertices import VertexErrors
 from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
-from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, markdown_row
+from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, markdown_table
 from talkingeyes.head.anny import anny_head
 from talkingeyes.models.face.style import NEUTRAL, FaceStyle, StyleKey
 from talkingeyes.orchestration.mlflow_logging import revision
@@ -132,13 +132,13 @@ def summary(rows: Mapping[str, Mapping[str, Any]]) -> str:
     """The table of new speakers, a few columns without intervals."""
     columns = [each for each in (*ERROR_COLUMNS, *ARTICULATION_COLUMNS) if each.metric in SHOWN]
     headings = ["", *(each.heading for each in columns), f"paper: {', '.join(PAPER_COLUMNS)}"]
-    lines = [headings, ["---"] * len(headings)]
+    lines = []
     for name in (known for known in TITLES if SHOWN_SPLIT in rows.get(known, {})):
         found = rows[name][SHOWN_SPLIT]["face"]
         cells = [f"{found[each.metric]['value']:.{each.digits}f}" if found.get(each.metric) else "" for each in columns]
         paper = ", ".join("–" if value is None else f"{value:.4g}" for value in PUBLISHED.get(name, ()))
         lines.append([TITLES[name], *cells, paper])
-    return "\n".join([*map(markdown_row, lines), "", ""])
+    return markdown_table(headings, lines) + "\n\n"
 
 
 def options(arguments: Sequence[str]) -> TableOptions:

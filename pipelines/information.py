@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from pipelines.train import TrainedMotion, train_motion
+from pipelines.train import Trained, Training, train_motion
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.recordings import Recording, Recordings
 from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
@@ -38,7 +38,7 @@ from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, mai
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
 from talkingeyes.training.execution import ExecutionContext
 from talkingeyes.training.motion_generators import NetworkGenerator, load_generator
-from talkingeyes.training.motion_task import MotionTaskSettings, TrainSettings
+from talkingeyes.training.motion_task import MotionTask, MotionTaskSettings, TrainSettings
 
 SPLITS = ("val", "test", "unseen")
 Figures = dict[str, dict[str, dict[str, dict[str, float]]]]  # {split: {sound: {figure: estimate}}}
@@ -73,7 +73,7 @@ def run(workspace: Workspace, name: str) -> Report:
     sounds = group_sounds(Corpus(corpus), fit, embed, SPLITS, 1, settings.seed)
     with workspace.output("information", name) as folder:
         (folder / "without_speech").mkdir()
-        without_speech.save(folder / "without_speech", without_speech.history)
+        without_speech.save(folder / "without_speech")
         paths = InputPaths(corpus, fit, embed, data("train", name), folder / "without_speech")
         work = parallel_map(partial(score_sound, paths), sounds, workspace.jobs, f"information {name}")
         figures = summarise(list(work), settings)
@@ -88,7 +88,7 @@ def run(workspace: Workspace, name: str) -> Report:
     return Report(metrics=flat, artifacts=[data("information", name, "metrics.json")])
 
 
-def _train_without_speech(workspace: Workspace, name: str) -> TrainedMotion:
+def _train_without_speech(workspace: Workspace, name: str) -> Trained[MotionTask]:
     """The model trained without speech: the input of its speech layers is constant."""
     settings = workspace.settings(f"model.{name}", MotionTaskSettings)
     speech = settings.speech.model_copy(update={"channels": ()})
@@ -97,15 +97,9 @@ def _train_without_speech(workspace: Workspace, name: str) -> TrainedMotion:
     seed = workspace.settings("train", TrainSettings).seed
     context = ExecutionContext.single_process(workspace.params["machine"])
     model = workspace.data("train", name)
-    return train_motion(
-        workspace,
-        f"{name}_without_speech",
-        settings.model_copy(update={"speech": speech}),
-        seed,
-        getattr(_load(model).network.gaze, "codebook", None),
-        context,
-        [model / CHECKSUMS_FILE],
-    )
+    codebook = getattr(_load(model).network.gaze, "codebook", None)
+    training = Training(workspace, f"{name}_without_speech", seed, context)
+    return train_motion(training, settings.model_copy(update={"speech": speech}), codebook, [model / CHECKSUMS_FILE])
 
 
 def summarise(found: Sequence[SoundLikelihoods], settings: ValidateSettings) -> Figures:

@@ -21,6 +21,7 @@ import numpy as np
 from pipelines.result_tables import read_tables
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
+from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.evaluation.people.comparison import as_markdown
 from talkingeyes.evaluation.people.fixations import STATES, VALIDATION_PEOPLE, Person, read_people, split_people
 from talkingeyes.evaluation.people.likelihood import EmpiricalHistogram, PoissonGaussian, ShiftModel, Shifts, score
@@ -156,7 +157,7 @@ def page(content: Mapping[str, Any]) -> str:
         people=len(content["people"]),
         states="\n\n".join(states),
         findings="\n".join(findings(content)),
-        likelihood="\n".join(likelihood_lines(content)),
+        likelihood=likelihood_table(content),
         listening=f"{listening[-1]:.0f}",
     )
 
@@ -166,14 +167,14 @@ def _table(content: Mapping[str, Any], state: str) -> str:
     return read_tables(as_markdown(content, state))[""].markdown(SHOWN)
 
 
-def likelihood_lines(content: Mapping[str, Any]) -> list[str]:
+def likelihood_table(content: Mapping[str, Any]) -> str:
     """The table of likelihoods."""
     states = content["likelihood"]
-    lines = [f"| model | fitted to | {' | '.join(states)} |", f"|{' --- |' * (len(states) + 2)}"]
+    lines = []
     for rows in zip(*states.values(), strict=True):
         cells = [f"{np.mean(row['nats']):.2f} ({min(row['nats']):.2f} to {max(row['nats']):.2f})" for row in rows]
-        lines.append(f"| {rows[0]['model']} | {rows[0]['fitted_to']} | {' | '.join(cells)} |")
-    return lines
+        lines.append([rows[0]["model"], rows[0]["fitted_to"], *cells])
+    return markdown_table(["model", "fitted to", *states], lines)
 
 
 def findings(content: Mapping[str, Any]) -> list[str]:

@@ -17,59 +17,36 @@ from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main
 from talkingeyes.training.checkpoint import save
 from talkingeyes.training.execution import ExecutionContext
-from talkingeyes.training.face_tokenizer import FaceTokenizerSettings, FaceTokenizerTask, face_tokenizer_config
+from talkingeyes.training.face_tokenizer import FaceTokenizerSettings, FaceTokenizerTask
 from talkingeyes.training.gaze_tokenizer import GazeTokenizerSettings, GazeTokenizerTask
 from talkingeyes.training.loop import train
 from talkingeyes.training.resume import ResumeFile
 
 
 def run(workspace: Workspace, name: str) -> Report:
-    """Pretrain a tokenizer of gaze or of the face, by the kind of its section."""
+    """Pretrain a tokenizer of gaze or of the face, by the kind of its section; measure its code usage."""
+    task, context = _task(workspace, name), ExecutionContext.of(workspace.params["machine"])
+    resume = _resume_file(workspace, name, task.settings, context)
+    history = train(task, task.settings.loop, f"pretrain {name}", context=context, resume=resume)
+    context.exit_unless_main()
+    figures, counts = task.finish()
+    with workspace.output("pretrain", name) as folder:
+        save(folder, task.module.state_dict(), task.config(), history)
+        if len(counts):
+            (folder / "codes.json").write_text(json.dumps({"counts": counts.int().tolist(), **figures}))
+    resume.remove()
+    return Report(metrics=figures)
+
+
+def _task(workspace: Workspace, name: str) -> GazeTokenizerTask | FaceTokenizerTask:
+    inputs = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
     tokenizer = workspace.params.get("pretrain", {}).get(name)
     if isinstance(tokenizer, dict) and tokenizer.get("kind") == "face":
-        return _face(workspace, name, workspace.settings(f"pretrain.{name}", FaceTokenizerSettings))
-    return _gaze(workspace, name, workspace.settings(f"pretrain.{name}", GazeTokenizerSettings))
-
-
-def _gaze(workspace: Workspace, name: str, settings: GazeTokenizerSettings) -> Report:
-    """Train, then measure code usage over all windows of the train split."""
-    corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
-    task = GazeTokenizerTask(settings, recordings(corpus, fit, embed, "train"), recordings(corpus, fit, embed, "val"))
-    context = ExecutionContext.of(workspace.params["machine"])
-    resume = _resume_file(workspace, name, settings, context)
-    history = train(task, settings.loop, f"pretrain {name}", context=context, resume=resume)
-    context.exit_unless_main()
-    code_usage = task.code_usage(task.train_recordings)
-    figures = code_usage.figures() | {"val_reconstruction_error_deg": task.code_usage(task.val_recordings).error_deg}
-    with workspace.output("pretrain", name) as folder:
-        save(folder, task.module.state_dict(), settings.network.model_dump(mode="json"), history)
-        (folder / "codes.json").write_text(json.dumps({"counts": code_usage.counts.int().tolist(), **figures}))
-    resume.remove()
-    return Report(metrics=figures)
-
-
-def _face(workspace: Workspace, name: str, settings: FaceTokenizerSettings) -> Report:
-    """Train, then fit the statistics of the latents and measure code usage, if there are codes."""
-    corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
-    train_faces, val_faces = face_recordings(corpus, fit, embed, "train"), face_recordings(corpus, fit, embed, "val")
-    basis = FaceBasis(train_faces.head_model, train_faces.expression_names)
-    task = FaceTokenizerTask(settings, train_faces, val_faces, basis)
-    context = ExecutionContext.of(workspace.params["machine"])
-    resume = _resume_file(workspace, name, settings, context)
-    history = train(task, settings.loop, f"pretrain {name}", context=context, resume=resume)
-    context.exit_unless_main()
-    task.fit_latent_statistics()
-    error = task.error(train_faces)
-    of_val = {
-        f"val_{name}": value for name, value in task.error(val_faces).figures().items() if name.startswith("error")
-    }
-    figures = error.figures() | of_val
-    with workspace.output("pretrain", name) as folder:
-        save(folder, task.module.state_dict(), face_tokenizer_config(settings.network, basis), history)
-        if len(error.counts):
-            (folder / "codes.json").write_text(json.dumps({"counts": error.counts.int().tolist(), **figures}))
-    resume.remove()
-    return Report(metrics=figures)
+        faces, val_faces = (face_recordings(*inputs, split) for split in ("train", "val"))
+        basis = FaceBasis(faces.head_model, faces.expression_names)
+        return FaceTokenizerTask(workspace.settings(f"pretrain.{name}", FaceTokenizerSettings), faces, val_faces, basis)
+    settings = workspace.settings(f"pretrain.{name}", GazeTokenizerSettings)
+    return GazeTokenizerTask(settings, recordings(*inputs, "train"), recordings(*inputs, "val"))
 
 
 def _resume_file(workspace: Workspace, name: str, settings: Settings, context: ExecutionContext) -> ResumeFile:

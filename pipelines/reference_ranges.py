@@ -32,7 +32,7 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.benchmark.behaviour import behaviour
 from talkingeyes.evaluation.critic.contrastive_training import CriticSettings
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_row
+from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.evaluation.reference_ranges import (
     measurements,
     page,
@@ -299,10 +299,9 @@ def summary(tables: Mapping[str, ResultTable], recorded: Sequence[str], what: st
     counts = [[name, *(str(found.count(each)) for each in STATUSES)] for name, found in status.items()]
     total = [sum(found.count(each) for found in status.values()) for each in STATUSES]
     rows = [row for table in tables.values() for row in table.rows]
-    lines = [["section", "within", "outside", "no value"], ["---"] * 4, *counts, ["all", *map(str, total)]]
     parts = [
         INTRODUCTION.format(what=what),
-        "\n".join(map(markdown_row, lines)),
+        markdown_table(["section", "within", "outside", "no value"], [*counts, ["all", *map(str, total)]]),
         "## Outside the range",
         _rows([row for row in rows if row[4].strip("*") == "outside"]),
         "## Beside recordings of people",
@@ -315,8 +314,8 @@ def summary(tables: Mapping[str, ResultTable], recorded: Sequence[str], what: st
 
 def _rows(rows: Sequence[Sequence[str]]) -> str:
     """Rows of the page without the columns that only the CSV has."""
-    head = [["statistic", "range", "measured", "recordings"], ["---"] * 4]
-    return "\n".join(map(markdown_row, [*head, *([row[0], *row[2:4], row[6]] for row in rows)])) if rows else "None."
+    shown = [[row[0], *row[2:4], row[6]] for row in rows]
+    return markdown_table(["statistic", "range", "measured", "recordings"], shown) if rows else "None."
 
 
 def describe_corpus(corpus_inputs: CorpusInputs) -> str:

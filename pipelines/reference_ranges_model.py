@@ -33,7 +33,7 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.recordings import Recordings
 from talkingeyes.evaluation.benchmark.behaviour import behaviour
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_row
+from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.evaluation.reference_ranges import blinks, head, measurements, page, saccades
 from talkingeyes.evaluation.reference_ranges.clip_data import (
     ClipData,
@@ -223,20 +223,18 @@ def measure_with_main_sequence(pool: PooledArrays) -> Measurements:
 
 def markdown(columns: Sequence[Measurements], sounds: int, words: str) -> str:
     """The whole table: rows of the reference ranges, with columns for the rates and the truth."""
-    rows = [
-        markdown_row(["", "reference range", "25 fps", "120 fps", "25 fps, as sampled", "truth, 25 fps"]),
-        markdown_row(["---"] * 6),
-    ]
+    headings = ["", "reference range", "25 fps", "120 fps", "25 fps, as sampled", "truth, 25 fps"]
+    rows = []
     for reference_range in REFERENCE_RANGES:
         if any(reference_range.name in each for each in columns):
             cells = [cell(reference_range, each.get(reference_range.name)) for each in columns]
             label = page.label(reference_range).replace("|", "\\|")
-            rows.append(markdown_row([label, page.range_text(reference_range), *cells]))
+            rows.append([label, page.range_text(reference_range), *cells])
     slow, fast, sampled, truth = map(counts, columns)
     introduction = INTRODUCTION.format(
         words=words, sounds=sounds, samples=SAMPLES, slow=slow, fast=fast, sampled=sampled, truth=truth
     )
-    return introduction + "\n".join(["## Statistics", "", *rows, ""])
+    return introduction + f"## Statistics\n\n{markdown_table(headings, rows)}\n"
 
 
 def page_of(text: str, data_file: str) -> str:

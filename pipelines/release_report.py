@@ -34,7 +34,7 @@ from talkingeyes.evaluation.critic.evaluators import Evaluators
 from talkingeyes.evaluation.model_selection.information import COLUMNS, information_table
 from talkingeyes.evaluation.model_selection.validation_metrics import ValidateSettings
 from talkingeyes.evaluation.paper_metrics.requirements import model_requirements, model_requirements_table
-from talkingeyes.evaluation.paper_metrics.table3 import TITLES, markdown_row
+from talkingeyes.evaluation.paper_metrics.table3 import TITLES, markdown_table
 from talkingeyes.orchestration.config import compose, write_params
 from talkingeyes.orchestration.mlflow_logging import revision
 from talkingeyes.orchestration.run import SEAL, Workspace, parallel_map, run_command
@@ -135,7 +135,7 @@ def _language_table(
     measure = partial(evaluate.evaluate_sound, paths, Evaluators.load(critic))
     evaluated = list(parallel_map(measure, sounds, workspace.jobs, "languages"))
     headings = ["", "sounds", *COLUMNS, *(f"Corr. advantage: {CORR_TITLES[part]}" for part in CORR_PARTS)]
-    lines = [markdown_row(headings), markdown_row(["---"] * len(headings))]
+    lines = []
     for language in sorted({sound.clip.language for sound in sounds}):
         rows = [index for index, sound in enumerate(sounds) if sound.clip.language == language]
         of_language = information.summarise([likelihoods[index] for index in rows], settings)[SPLIT]["own"]
@@ -144,8 +144,8 @@ def _language_table(
         ties = [bootstrap(mean_statistic(each), len(each), settings.bootstrap) for each in advantages]
         estimates = [*(of_language[column] for column in COLUMNS), *map(asdict, ties)]
         cells = ["{value:.2f} ({low:.2f} to {high:.2f})".format(**each) for each in estimates]
-        lines.append(markdown_row([language, str(len(rows)), *cells]))
-    return "\n".join(lines)
+        lines.append([language, str(len(rows)), *cells])
+    return markdown_table(headings, lines)
 
 
 def _section(informed: str, timing: str, languages: str, requirements: str) -> str:

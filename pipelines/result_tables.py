@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_row
+from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 
 BORDER = re.compile(r"(?<!\\)\|")
 SMALL_PRINT = re.compile(r" ?<sub>(.*?)</sub>")
@@ -28,8 +28,8 @@ class ResultTable:
     def markdown(self, columns: Sequence[str], keep: Callable[[Sequence[str]], bool] = lambda row: True) -> str:
         """Some columns of the rows to keep, without the small print of their cells."""
         places = [self.columns.index(name) for name in columns]
-        lines = [columns, ["---"] * len(columns), *([row[at] for at in places] for row in self.rows if keep(row))]
-        return "\n".join(markdown_row([SMALL_PRINT.sub("", cell) for cell in line]) for line in lines)
+        rows = [[SMALL_PRINT.sub("", row[at]) for at in places] for row in self.rows if keep(row)]
+        return markdown_table([SMALL_PRINT.sub("", name) for name in columns], rows)
 
 
 def read_tables(markdown: str) -> dict[str, ResultTable]:

@@ -8,14 +8,18 @@ everything that generation needs. An interrupted run resumes from data/.train-<m
 N splits the batches.
 """
 
+from __future__ import annotations
+
 import shutil
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
-import numpy as np
+from torch import nn
 
-from talkingeyes.core.settings import validate_section
+from talkingeyes.core.settings import Settings, validate_section
 from talkingeyes.corpus.faces import face_recordings
 from talkingeyes.corpus.poses import pose_recordings
 from talkingeyes.corpus.recordings import Normaliser, recordings
@@ -23,23 +27,23 @@ from talkingeyes.corpus.store import Corpus
 from talkingeyes.fitting.motion_style import SPEAKERS_FILE
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.sag import FaceSurface
-from talkingeyes.models.baselines import BaselineSettings, build_bank, build_motion_bank
+from talkingeyes.models.baselines import BaselineSettings, MotionBank
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main
+from talkingeyes.training.baseline_checkpoint import save_baseline
 from talkingeyes.training.canonical_gaze import CanonicalModelSettings, fit_canonical_gaze, save_canonical
 from talkingeyes.training.checkpoint import load, save
-from talkingeyes.training.conditioning import ConditioningPaths
+from talkingeyes.training.conditioning import ConditioningPaths, motion_array
 from talkingeyes.training.execution import ExecutionContext
-from talkingeyes.training.face_generators import face_config, save_face_baseline
+from talkingeyes.training.face_generators import face_config, face_space
 from talkingeyes.training.face_task import FaceData, FaceTask, FaceTaskSettings
 from talkingeyes.training.face_tokenizer import load_face_tokenizer
-from talkingeyes.training.loop import train
+from talkingeyes.training.loop import TrainingTask, train
 from talkingeyes.training.motion_generators import (
     HeadThenGazeSettings,
     network_config,
-    save_baseline,
     save_head_then_gaze,
 )
 from talkingeyes.training.motion_task import MotionTask, MotionTaskSettings, TrainSettings
@@ -48,164 +52,154 @@ from talkingeyes.training.pose_generators import pose_config
 from talkingeyes.training.pose_task import PoseTask, PoseTaskSettings
 from talkingeyes.training.resume import ResumeFile
 
+AnyTask = TypeVar("AnyTask", bound=TrainingTask)
 NetworkSettings = MotionTaskSettings | FaceTaskSettings | PoseTaskSettings | PGFaceTaskSettings
+
+
+@dataclass(frozen=True)
+class Training:
+    """What the training of a model starts from."""
+
+    workspace: Workspace
+    name: str
+    seed: int
+    context: ExecutionContext
+
+    @property
+    def inputs(self) -> tuple[Corpus, Path, Path]:
+        """The corpus, and the folders of fitted motion and of speech features."""
+        return Corpus(self.workspace.corpus), self.workspace.data("fit"), self.workspace.data("embed")
+
+    @property
+    def normaliser(self) -> Normaliser:
+        """Channels and statistics of the speech features."""
+        return Normaliser.of(self.workspace.data("embed"))
+
+    def run(
+        self, task: AnyTask, settings: NetworkSettings, config: Mapping[str, Any], reads: Sequence[Path] = ()
+    ) -> Trained[AnyTask]:
+        """Train a network, or validate it if it has no loop; processes that do not write results end here.
+
+        An interrupted training of this name is resumed if its settings and what it reads are the same; `reads`: files
+        besides those that every training reads.
+        """
+        resume = self._resume_file(settings, reads)
+        if settings.loop is None:
+            history = [{"step": 0.0, **task.validate()}]
+        else:
+            title, on_validation = f"train {self.name}", self.workspace.on_validation
+            history = train(task, settings.loop, title, on_validation, self.context, resume)
+        self.context.exit_unless_main()
+        return Trained(task, config, history, resume)
+
+    @contextmanager
+    def output(self) -> Iterator[Path]:
+        """The folder of the model. The encoder's settings, blink rates and speaker styles of the corpus are copied into
+        it, so that it is self-contained."""
+        self.context.exit_unless_main()
+        with self.workspace.output("train", self.name) as folder:
+            yield folder
+            for stage, name in (("embed", "embedding.json"), ("fit", "blinks.json"), ("fit", SPEAKERS_FILE)):
+                shutil.copyfile(self.workspace.data(stage, name), folder / name)
+
+    def write(self, trained: Trained[AnyTask], *chosen: Mapping[str, float]) -> dict[str, float]:
+        """Write what generation needs; `chosen`: what was chosen on val. Returns the metrics."""
+        with self.output() as folder:
+            trained.save(folder, *chosen)
+        trained.resume.remove()
+        figures = {name: value for row in (trained.history[-1], *chosen) for name, value in row.items()}
+        return {**figures, "parameters": _parameters(trained.task.module)}
+
+    def _resume_file(self, settings: NetworkSettings, more: Sequence[Path]) -> ResumeFile:
+        """The resume file of this training, with a fingerprint of all its dependencies."""
+        data = self.workspace.data
+        folders = [data("fit"), data("embed"), data("pretrain", str(settings.tokenizer))]
+        if isinstance(settings, MotionTaskSettings) and settings.init_from:
+            folders.append(data("train", settings.init_from))
+        index, sums = self.workspace.corpus / "clips.parquet", [folder / CHECKSUMS_FILE for folder in folders]
+        made_of = (settings.model_dump(mode="json"), self.seed, self.context.describe())
+        return ResumeFile.of(data(f".train-{self.name}.resume"), made_of, (index, *sums, *more, Path(__file__)))
+
+
+@dataclass(frozen=True)
+class Trained(Generic[AnyTask]):
+    """A trained network, before anything is chosen on val, and the configuration that rebuilds it."""
+
+    task: AnyTask
+    config: Mapping[str, Any]
+    history: list[dict[str, float]]
+    resume: ResumeFile
+
+    def save(self, folder: Path, *chosen: Mapping[str, float]) -> None:
+        """Write what generation needs."""
+        save(folder, self.task.module.state_dict(), self.config, [*self.history, *chosen])
 
 
 def run(workspace: Workspace, name: str) -> Report:
     """Train a network or fit a baseline; both write the same kind of folder."""
     seed = workspace.settings("train", TrainSettings).seed
-    context = ExecutionContext.of(workspace.params["machine"])
+    training = Training(workspace, name, seed, ExecutionContext.of(workspace.params["machine"]))
     model = workspace.params.get("model", {}).get(name)
-    if isinstance(model, dict) and model.get("kind") == "speech_to_motion":
-        return _network(workspace, name, workspace.settings(f"model.{name}", MotionTaskSettings), seed, context)
-    if isinstance(model, dict) and model.get("kind") == "speech_to_face":
-        return _face(workspace, name, workspace.settings(f"model.{name}", FaceTaskSettings), seed, context)
-    if isinstance(model, dict) and model.get("kind") == "speech_to_pose":
-        return _poses(workspace, name, workspace.settings(f"model.{name}", PoseTaskSettings), seed)
-    if isinstance(model, dict) and model.get("kind") == "pgface":
-        return _pgface(workspace, name, workspace.settings(f"model.{name}", PGFaceTaskSettings), seed)
-    context.exit_unless_main()
-    return _fit_without_loop(workspace, name, model.get("kind") if isinstance(model, dict) else None, seed)
+    kind = str(model.get("kind")) if isinstance(model, dict) else ""
+    train_kind, settings = KINDS.get(kind, (_baseline, BaselineSettings))
+    return train_kind(training, workspace.settings(f"model.{name}", settings))
 
 
-def _fit_without_loop(workspace: Workspace, name: str, kind: str | None, seed: int) -> Report:
-    """Models without a training loop: combinations of models, and baselines."""
-    if kind == "head_then_gaze":
-        return _combine_models(workspace, name, workspace.settings(f"model.{name}", HeadThenGazeSettings))
-    if kind == "canonical_correlation":
-        return _canonical(workspace, name, workspace.settings(f"model.{name}", CanonicalModelSettings), seed)
-    settings = workspace.settings(f"model.{name}", BaselineSettings)
-    return (
-        _face_baseline(workspace, name, settings) if "face" in settings.parts else _baseline(workspace, name, settings)
-    )
-
-
-def _network(
-    workspace: Workspace, name: str, settings: MotionTaskSettings, seed: int, context: ExecutionContext
-) -> Report:
-    codebook = _codebook(workspace, settings.tokenizer)
-    trained = train_motion(workspace, name, settings, seed, codebook, context)
+def _motion(training: Training, settings: MotionTaskSettings) -> Report:
+    trained = train_motion(training, settings, _codebook(training.workspace, settings.tokenizer))
     task = trained.task
     task.fit_equaliser()
     chosen = task.choose_temperature()
-    figures = {**trained.history[-1], **chosen, "temperature": float(task.module.temperature), **task.truth_metrics()}
-    with workspace.output("train", name) as folder:
-        trained.save(folder, [*trained.history, chosen])
-        _copy_inference_files(workspace, folder)
-    trained.resume.remove()
-    weights = sum(parameter.numel() for parameter in task.module.parameters())
-    return Report(metrics={**figures, "parameters": weights})
-
-
-@dataclass(frozen=True)
-class TrainedMotion:
-    """A trained network of head and gaze, before anything is chosen on val."""
-
-    task: MotionTask
-    history: list[dict[str, float]]
-    resume: ResumeFile
-    channels: tuple[str, ...]
-    codebook: GazeVQVAE | None
-
-    def save(self, folder: Path, history: Sequence[Mapping[str, float]]) -> None:
-        """Write what generation needs."""
-        config = network_config(self.task.settings, self.channels, self.codebook, self.task.module)
-        save(folder, self.task.module.state_dict(), config, history)
+    temperature = {"temperature": float(task.module.temperature)}
+    return Report(metrics={**training.write(trained, chosen), **temperature, **task.truth_metrics()})
 
 
 def train_motion(
-    workspace: Workspace,
-    name: str,
-    settings: MotionTaskSettings,
-    seed: int,
-    codebook: GazeVQVAE | None,
-    context: ExecutionContext,
-    reads: Sequence[Path] = (),
-) -> TrainedMotion:
-    """Train a network of head and gaze. An interrupted training of this name is resumed if its settings and what it
-    reads are the same; `reads`: files besides those that every training reads."""
-    corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
-    normaliser = Normaliser.of(embed)
+    training: Training, settings: MotionTaskSettings, codebook: GazeVQVAE | None, reads: Sequence[Path] = ()
+) -> Trained[MotionTask]:
+    """Train a network of head and gaze; `reads`: files besides those that every training reads."""
+    corpus, fit, embed = training.inputs
     data = recordings(corpus, fit, embed, "train"), recordings(corpus, fit, embed, "val")
-    start = load(workspace.data("train", settings.init_from)) if settings.init_from else None
-    task = MotionTask(settings, seed, *data, normaliser, codebook, ConditioningPaths(corpus, embed), start)
-    resume = _resume_file(workspace, name, settings, seed, context, reads)
-    history = train(
-        task, settings.loop, f"train {name}", on_validation=workspace.on_validation, context=context, resume=resume
-    )
-    context.exit_unless_main()
-    return TrainedMotion(task, history, resume, normaliser.channels, codebook)
+    start = load(training.workspace.data("train", settings.init_from)) if settings.init_from else None
+    normaliser, paths = training.normaliser, ConditioningPaths(corpus, embed)
+    task = MotionTask(settings, training.seed, *data, normaliser, codebook, paths, start)
+    return training.run(task, settings, network_config(settings, normaliser.channels, codebook, task.module), reads)
 
 
-def _face(workspace: Workspace, name: str, settings: FaceTaskSettings, seed: int, context: ExecutionContext) -> Report:
-    data = _face_data(workspace)
-    tokenizer = load_face_tokenizer(workspace.data("pretrain", settings.tokenizer)) if settings.tokenizer else None
-    if tokenizer is not None:
-        tokenizer.basis.require_match(
-            data.basis, str(workspace.data("pretrain", str(settings.tokenizer))), "pretrain it on this motion"
-        )
-    task = FaceTask(settings, seed, data, tokenizer)
-    resume = _resume_file(workspace, name, settings, seed, context)
-    history = train(
-        task, settings.loop, f"train {name}", on_validation=workspace.on_validation, context=context, resume=resume
-    )
-    context.exit_unless_main()
+def _face(training: Training, settings: FaceTaskSettings) -> Report:
+    data, tokenizer = _face_data(training), None
+    if settings.tokenizer:
+        folder = training.workspace.data("pretrain", settings.tokenizer)
+        tokenizer = load_face_tokenizer(folder)
+        tokenizer.basis.require_match(data.basis, str(folder), "pretrain it on this motion")
+    task = FaceTask(settings, training.seed, data, tokenizer)
+    trained = training.run(task, settings, face_config(settings, data, tokenizer))
     chosen = task.choose_temperature()
-    figures = {**history[-1], **chosen, "temperature": float(task.module.temperature)}
-    with workspace.output("train", name) as folder:
-        save(folder, task.module.state_dict(), face_config(settings, data, tokenizer), [*history, chosen])
-        _copy_inference_files(workspace, folder)
-    resume.remove()
-    return Report(metrics={**figures, "parameters": sum(each.numel() for each in task.module.parameters())})
+    return Report(metrics={**training.write(trained, chosen), "temperature": float(task.module.temperature)})
 
 
-def _face_data(workspace: Workspace) -> FaceData:
-    corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
-    train_faces = face_recordings(corpus, fit, embed, "train")
+def _face_data(training: Training) -> FaceData:
+    train_faces, val_faces = (face_recordings(*training.inputs, split) for split in ("train", "val"))
     basis = FaceBasis(train_faces.head_model, train_faces.expression_names)
-    vocabulary = StyleVocabulary.of(train_faces.clips)
-    return FaceData(train_faces, face_recordings(corpus, fit, embed, "val"), basis, vocabulary, Normaliser.of(embed))
+    return FaceData(train_faces, val_faces, basis, StyleVocabulary.of(train_faces.clips), training.normaliser)
 
 
-def _poses(workspace: Workspace, name: str, settings: PoseTaskSettings, seed: int) -> Report:
+def _poses(training: Training, settings: PoseTaskSettings) -> Report:
     """A model of the head alone; its curves, including the discriminator's, are logged to MLflow."""
-    corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
-    normaliser, context = Normaliser.of(embed), ExecutionContext.single_process(workspace.params["machine"])
-    of_train, of_val = (
-        pose_recordings(corpus, fit, embed, settings.poses, split, take=0) for split in ("train", "val")
-    )
-    task = PoseTask(settings, seed, of_train, of_val, normaliser)
-    resume = _resume_file(workspace, name, settings, seed, context)
-    if settings.loop is None:
-        history = [{"step": 0.0, **task.validate()}]
-    else:
-        history = train(
-            task, settings.loop, f"train {name}", on_validation=workspace.on_validation, context=context, resume=resume
-        )
-    with workspace.output("train", name) as folder:
-        save(folder, task.module.state_dict(), pose_config(settings, normaliser, task.module), history)
-        _copy_inference_files(workspace, folder)
-    resume.remove()
-    weights = sum(parameter.numel() for parameter in task.module.parameters())
-    discriminator_parameters = (
-        sum(parameter.numel() for parameter in task.discriminator.parameters()) if task.discriminator else 0
-    )
-    figures = {
-        **history[-1],
-        "parameters": weights - discriminator_parameters,
-        "discriminator_parameters": discriminator_parameters,
-    }
-    return Report(metrics=figures, history=history)
+    training = _single_process(training)
+    of_train, of_val = (pose_recordings(*training.inputs, settings.poses, split, take=0) for split in ("train", "val"))
+    task = PoseTask(settings, training.seed, of_train, of_val, training.normaliser)
+    trained = training.run(task, settings, pose_config(settings, training.normaliser, task.module))
+    figures = training.write(trained)
+    adversary = _parameters(task.discriminator) if task.discriminator else 0
+    sizes = {"parameters": figures["parameters"] - adversary, "discriminator_parameters": adversary}
+    return Report(metrics={**figures, **sizes}, history=trained.history)
 
 
-def _pgface(workspace: Workspace, name: str, settings: PGFaceTaskSettings, seed: int) -> Report:
+def _pgface(training: Training, settings: PGFaceTaskSettings) -> Report:
     """PGFace: face shape from speech and head pose."""
-    corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
-    normaliser, context, surface = (
-        Normaliser.of(embed),
-        ExecutionContext.single_process(workspace.params["machine"]),
-        FaceSurface(anny_head()),
-    )
+    training, surface = _single_process(training), FaceSurface(anny_head())
+    corpus, fit, embed = training.inputs
     of_train, of_val = (
         [
             read_shape_recording(fit, embed, clip, settings.poses)
@@ -213,59 +207,43 @@ def _pgface(workspace: Workspace, name: str, settings: PGFaceTaskSettings, seed:
         ]
         for split in ("train", "val")
     )
-    task = PGFaceTask(settings, seed, of_train, of_val, normaliser, surface)
-    resume = _resume_file(workspace, name, settings, seed, context)
-    history = train(
-        task, settings.loop, f"train {name}", on_validation=workspace.on_validation, context=context, resume=resume
-    )
-    with workspace.output("train", name) as folder:
-        save(folder, task.module.state_dict(), pgface_config(settings, normaliser, surface), history)
-        _copy_inference_files(workspace, folder)
-    resume.remove()
-    weights = sum(parameter.numel() for parameter in task.module.parameters())
-    return Report(metrics={**history[-1], "parameters": weights}, history=history)
+    task = PGFaceTask(settings, training.seed, of_train, of_val, training.normaliser, surface)
+    trained = training.run(task, settings, pgface_config(settings, training.normaliser, surface))
+    return Report(metrics=training.write(trained), history=trained.history)
 
 
-def _combine_models(workspace: Workspace, name: str, settings: HeadThenGazeSettings) -> Report:
+def _combine_models(training: Training, settings: HeadThenGazeSettings) -> Report:
     """Combine two trained models in one folder, without training."""
-    head, gaze = (load(workspace.data("train", each)) for each in settings.source_models)
-    with workspace.output("train", name) as folder:
+    head, gaze = (load(training.workspace.data("train", each)) for each in settings.source_models)
+    with training.output() as folder:
         save_head_then_gaze(folder, settings, head, gaze)
-        _copy_inference_files(workspace, folder)
     return Report()
 
 
-def _canonical(workspace: Workspace, name: str, settings: CanonicalModelSettings, seed: int) -> Report:
+def _canonical(training: Training, settings: CanonicalModelSettings) -> Report:
     """Fit canonical correlation in closed form, for the head of a trained model."""
-    embed = workspace.data("embed")
-    clips = recordings(Corpus(workspace.corpus), workspace.data("fit"), embed, "train")
-    found = fit_canonical_gaze(settings, clips, Normaliser.of(embed), seed)
-    with workspace.output("train", name) as folder:
-        save_canonical(folder, settings, found, load(workspace.data("train", *settings.source_models)))
-        _copy_inference_files(workspace, folder)
+    clips = recordings(*training.inputs, "train")
+    found = fit_canonical_gaze(settings, clips, training.normaliser, training.seed)
+    with training.output() as folder:
+        save_canonical(folder, settings, found, load(training.workspace.data("train", *settings.source_models)))
     return Report(metrics={f"correlation/{at}": float(each) for at, each in enumerate(found.correlation.correlations)})
 
 
-def _resume_file(
-    workspace: Workspace,
-    name: str,
-    settings: NetworkSettings,
-    seed: int,
-    context: ExecutionContext,
-    more: Sequence[Path] = (),
-) -> ResumeFile:
-    """The resume file of this training, with a fingerprint of all its dependencies."""
-    folders = [workspace.data("fit"), workspace.data("embed"), workspace.data("pretrain", str(settings.tokenizer))]
-    if isinstance(settings, MotionTaskSettings) and settings.init_from:
-        folders.append(workspace.data("train", settings.init_from))
-    reads = (
-        workspace.corpus / "clips.parquet",
-        *(folder / CHECKSUMS_FILE for folder in folders),
-        *more,
-        Path(__file__),
-    )
-    made_of = (settings.model_dump(mode="json"), seed, context.describe())
-    return ResumeFile.of(workspace.data(f".train-{name}.resume"), made_of, reads)
+def _baseline(training: Training, settings: BaselineSettings) -> Report:
+    """A bank of the motions of the train split: faces, or heads and gaze."""
+    more: dict[str, Any] = {}
+    if "face" in settings.parts:
+        faces = _face_data(training)
+        more = face_space(faces)
+        clips = [(each.speech, faces.basis.to_vector(each.expression, each.jaw)) for each in faces.train]
+    else:
+        found = recordings(*training.inputs, "train")
+        clips = [(each.speech, motion_array(each.head, each.gaze)) for each in found]
+    speech, motions = zip(*clips, strict=True)
+    bank = MotionBank.of(speech, motions, training.normaliser.mean, training.normaliser.std)
+    with training.output() as folder:
+        save_baseline(folder, settings, bank, more)
+    return Report(metrics={"clips": len(bank.features)})
 
 
 def _codebook(workspace: Workspace, tokenizer: str | None) -> GazeVQVAE | None:
@@ -277,40 +255,22 @@ def _codebook(workspace: Workspace, tokenizer: str | None) -> GazeVQVAE | None:
     return codebook.freeze()
 
 
-def _baseline(workspace: Workspace, name: str, settings: BaselineSettings) -> Report:
-    embed = workspace.data("embed")
-    normaliser = Normaliser.of(embed)
-    clips = recordings(Corpus(workspace.corpus), workspace.data("fit"), embed, "train")
-    std = np.maximum(normaliser.std, 1e-6)
-    bank = build_bank(
-        [(np.asarray(each.speech) - normaliser.mean) / std for each in clips],
-        [each.head for each in clips],
-        [each.gaze for each in clips],
-    )
-    with workspace.output("train", name) as folder:
-        save_baseline(folder, settings, bank, normaliser.mean, normaliser.std)
-        _copy_inference_files(workspace, folder)
-    return Report(metrics={"clips": len(bank.features)})
+def _single_process(training: Training) -> Training:
+    return replace(training, context=ExecutionContext.single_process(training.workspace.params["machine"]))
 
 
-def _face_baseline(workspace: Workspace, name: str, settings: BaselineSettings) -> Report:
-    data = _face_data(workspace)
-    std = np.maximum(data.normaliser.std, 1e-6)
-    bank = build_motion_bank(
-        [(np.asarray(each.speech) - data.normaliser.mean) / std for each in data.train],
-        [data.basis.to_vector(each.expression, each.jaw) for each in data.train],
-    )
-    with workspace.output("train", name) as folder:
-        save_face_baseline(folder, settings, bank, data)
-        _copy_inference_files(workspace, folder)
-    return Report(metrics={"clips": len(bank.features)})
+def _parameters(module: nn.Module) -> int:
+    return sum(each.numel() for each in module.parameters())
 
 
-def _copy_inference_files(workspace: Workspace, folder: Path) -> None:
-    """Copy the encoder's settings, blink rates and speaker styles of the corpus, so that a model's folder is
-    self-contained."""
-    for stage, name in (("embed", "embedding.json"), ("fit", "blinks.json"), ("fit", SPEAKERS_FILE)):
-        shutil.copyfile(workspace.data(stage, name), folder / name)
+KINDS: dict[str, tuple[Callable[[Training, Any], Report], type[Settings]]] = {
+    "speech_to_motion": (_motion, MotionTaskSettings),
+    "speech_to_face": (_face, FaceTaskSettings),
+    "speech_to_pose": (_poses, PoseTaskSettings),
+    "pgface": (_pgface, PGFaceTaskSettings),
+    "head_then_gaze": (_combine_models, HeadThenGazeSettings),
+    "canonical_correlation": (_canonical, CanonicalModelSettings),
+}
 
 
 if __name__ == "__main__":

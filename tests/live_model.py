@@ -12,6 +12,7 @@ from typing import Any
 
 import torch
 import yaml
+from model_conf import model_section
 
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
@@ -29,13 +30,13 @@ def content(*place: str) -> Any:
 
 CODES = {
     "tokenizer": "gaze_patches",
-    "gaze": content("model", "talkingeyes.yaml")["gaze"] | {"condition_lookback": 12, "condition_lookahead": 0},
+    "gaze": model_section("talkingeyes")["gaze"] | {"condition_lookback": 12, "condition_lookahead": 0},
 }
 
 
 def codebook() -> GazeVQVAE:
     """Untrained codebook of four frames of gaze in space."""
-    settings = GazeVQVAESettings.model_validate(content("pretrain", "gaze_patches.yaml")["network"])
+    settings = GazeVQVAESettings.model_validate(model_section("gaze_patches", "pretrain")["network"])
     network = GazeVQVAE(settings)
     network.normalise_by(torch.zeros_like(network.mean), 0.2)
     network.quantiser.train()
@@ -53,7 +54,7 @@ def embedding_settings() -> EmbedSettings:
 def write_live_model(folder: Path, speakers: Sequence[str] = (), **changes: Any) -> Path:
     """Write a model with changed top-level settings and these training speakers."""
     torch.manual_seed(3)
-    settings = MotionTaskSettings.model_validate(content("model", "talkingeyes_live.yaml") | changes)
+    settings = MotionTaskSettings.model_validate(model_section("talkingeyes_live") | changes)
     embedding = embedding_settings()
     channels = make_encoder(embedding).channels
     tokenizer = codebook() if settings.tokenizer else None

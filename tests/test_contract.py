@@ -46,9 +46,7 @@ def codebook(tokenizer: str | None) -> GazeVQVAE | None:
     """The untrained codebook that a model needs."""
     if tokenizer is None:
         return None
-    network = GazeVQVAE(
-        GazeVQVAESettings.model_validate(content(CONFIG_DIR / "pretrain" / f"{tokenizer}.yaml")["network"])
-    )
+    network = GazeVQVAE(GazeVQVAESettings.model_validate(model_section(tokenizer, "pretrain")["network"]))
     network.normalise_by(torch.zeros_like(network.mean), 0.1)
     network.quantiser.train()
     network.quantiser(torch.randn(1, 64, network.settings.quantiser.width))
@@ -151,9 +149,7 @@ def face_network(name: str) -> SpeechToFace:
     torch.manual_seed(0)
     tokenizer = None
     if settings.tokenizer:
-        of_tokenizer = FaceTokenizerSettings.model_validate(
-            content(CONFIG_DIR / "pretrain" / f"{settings.tokenizer}.yaml")
-        )
+        of_tokenizer = FaceTokenizerSettings.model_validate(model_section(settings.tokenizer, "pretrain"))
         tokenizer = FACE_AUTOENCODERS.build(of_tokenizer.network, FACE_BASIS.numbers)
         tokenizer.fit_latent_statistics(torch.randn(2, 20, FACE_BASIS.numbers))
         tokenizer.freeze()

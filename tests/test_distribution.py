@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
+from talkingeyes.core.energy_score import energy_score
 from talkingeyes.evaluation.distribution import coverage, energy, frechet, mmd, spectrum
 from talkingeyes.evaluation.distribution.frechet import Gaussian
 
@@ -89,17 +90,17 @@ def test_windows_are_sampled_evenly_and_limited_in_number() -> None:
 
 def test_energy_score_by_hand_and_against_the_integral_of_crps() -> None:
     samples = np.array([[0.0], [2.0], [4.0]])
-    assert energy.energy_score(samples, np.array([1.0])) == pytest.approx((1 + 1 + 3) / 3 - (2 + 4 + 2) / 3 / 2)
-    assert np.isnan(energy.energy_score(samples[:1], np.array([1.0])))
+    assert energy_score(samples, np.array([1.0])) == pytest.approx((1 + 1 + 3) / 3 - (2 + 4 + 2) / 3 / 2)
+    assert np.isnan(energy_score(samples[:1], np.array([1.0])))
     drawn = normal(0, 4000, 1)
     expected = np.mean(np.sqrt(2 / np.pi) - 1 / np.sqrt(np.pi))  # the CRPS of N(0, 1) at 0 is 0.2337
-    assert energy.energy_score(drawn[:2000], np.zeros(1)) == pytest.approx(expected, abs=0.02)
+    assert energy_score(drawn[:2000], np.zeros(1)) == pytest.approx(expected, abs=0.02)
 
 
 def test_energy_score_is_best_for_the_true_distribution() -> None:
     truth = normal(1, 3000, 2)
     score = {
-        name: energy.energy_score(samples, truth).mean()
+        name: energy_score(samples, truth).mean()
         for name, samples in {
             "right": normal(2, 10, 3000, 2),
             "mean": np.zeros((10, 3000, 2)),

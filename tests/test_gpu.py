@@ -10,7 +10,7 @@ import pytest
 import torch
 from fake_gpu import fake_gpu
 from model_conf import model_section
-from test_contract import CHANNELS, MODELS, codebook, content, toy_settings
+from test_contract import CHANNELS, MODELS, codebook, toy_settings
 from test_critic import contrast, toy
 from test_face_models import BASIS, GENERATORS, data, faces, model_settings, prior_settings, tokenizer_for, tokenizers
 from test_posegan import HEADS, pgface_task
@@ -118,7 +118,7 @@ def test_encoder_trained_jointly(folder: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", GAZE_PRIORS)
 def test_codebooks_of_gaze(name: str) -> None:
-    settings = GazeTokenizerSettings.model_validate(shortened(content(CONFIG_DIR / "pretrain" / f"{name}.yaml")))
+    settings = GazeTokenizerSettings.model_validate(shortened(model_section(name, "pretrain")))
     task = GazeTokenizerTask(settings, recordings(12, seed=1), recordings(3, seed=2))
     with fake_gpu():
         learn(task, settings.loop)

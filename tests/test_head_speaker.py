@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-import yaml
+from model_conf import model_section
 from test_posegan import settings
 from toy_model import BLINKS, EMBED, sound_file
 from toy_workspace import CHANNELS, NAMES, SPEAKERS, toy_workspace
@@ -24,7 +24,6 @@ from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.models.condition.conditioner import ConditioningInputs
 from talkingeyes.models.speech_to_motion import SpeechToMotion
 from talkingeyes.models.speech_to_pose import SpeechToPose
-from talkingeyes.orchestration.config import CONFIG_DIR
 from talkingeyes.orchestration.run import Workspace
 from talkingeyes.training.checkpoint import load, save
 from talkingeyes.training.motion_generators import (
@@ -60,7 +59,7 @@ def write_gaze(folder: Path, channels: list[str], speakers: tuple[str, ...]) -> 
     """An untrained model with a gaze decoder, conditioned on the speaker if there is any."""
     torch.manual_seed(1)
     folder.mkdir(parents=True)
-    node = yaml.safe_load((CONFIG_DIR / "model" / "vae.yaml").read_text())
+    node = model_section("vae")
     condition = {"kind": "speaker", "condition_dropout": 0.0, "embedding_scale": {"head": 1.0, "gaze": 1.0}}
     found = MotionTaskSettings.model_validate(node | {"conditions": [condition] if speakers else []})
     network = SpeechToMotion(found, channels, None, speakers)

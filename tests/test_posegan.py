@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-import yaml
+from model_conf import model_section
 from toy import clip
 
 from talkingeyes.core import rotation
@@ -44,7 +44,7 @@ from talkingeyes.evaluation.head_pose.windows import PoseWindows, pose_windows, 
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.sag import FaceSurface
 from talkingeyes.models.head.pose_generator import PoseInputs, TrainingWindows
-from talkingeyes.orchestration.config import CONFIG_DIR, compose
+from talkingeyes.orchestration.config import compose
 from talkingeyes.training.checkpoint import load, save
 from talkingeyes.training.loop import AdversarialTask, LoopSettings, train
 from talkingeyes.training.motion_generators import HeadThenGazeSettings, load_generator, save_head_then_gaze
@@ -97,7 +97,7 @@ def normaliser() -> Normaliser:
 
 def settings(name: str, **changes: Any) -> PoseTaskSettings:
     """A small version of a model of conf/."""
-    node = yaml.safe_load((CONFIG_DIR / "model" / f"{name}.yaml").read_text())
+    node = model_section(name)
     node["speech"] |= {"width": 8}
     node["head"] |= SMALL.get(node["head"]["kind"], {})
     node["windows"] = {"frames": 64, "hop": 5}
@@ -201,7 +201,7 @@ def _save_gaze(folder: Path) -> None:
     from talkingeyes.training.motion_generators import network_config
     from talkingeyes.training.motion_task import MotionTaskSettings
 
-    node = yaml.safe_load((CONFIG_DIR / "model" / "vae.yaml").read_text())
+    node = model_section("vae")
     found = MotionTaskSettings.model_validate(node)
     torch.manual_seed(1)
     network = SpeechToMotion(found, normaliser().channels, None)
@@ -395,7 +395,7 @@ class TestMeasures:
 
 def pgface_task() -> PGFaceTask:
     rng = np.random.default_rng(0)
-    node = yaml.safe_load((CONFIG_DIR / "model" / "pgface.yaml").read_text())
+    node = model_section("pgface")
     node["network"] |= {"coefficients": 4, "dropout": 0.0}
     node["network"]["speech"] |= {"width": 8, "channel_dropout": 0.0}
     node["loop"] |= {"steps": 60, "batch": 32, "validate_every": 60}
@@ -432,7 +432,7 @@ class TestPGFace:
     def test_eq_7_is_the_masked_sum_over_vertices(self) -> None:
         from talkingeyes.models.pgface import PGFace
 
-        node = yaml.safe_load((CONFIG_DIR / "model" / "pgface.yaml").read_text())["network"] | {"coefficients": 3}
+        node = model_section("pgface")["network"] | {"coefficients": 3}
         network = PGFace(PGFaceTaskSettings.model_fields["network"].annotation.model_validate(node), ["a"], 5)  # type: ignore[union-attr]
         torch.manual_seed(0)
         basis, lower = torch.randn(3, 5, 3), torch.tensor([True, False, True, False, False])

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from live_model import CODES, content, embedding_settings, write_live_model
+from live_model import CODES, embedding_settings, write_live_model
+from model_conf import model_section
 from numpy import ndarray
 
 from talkingeyes.animation.controls import Liveliness
@@ -218,7 +219,7 @@ def test_memory_does_not_grow(live: LiveModel) -> None:
             },
             "head",
         ),
-        ({"gaze": content("model", "talkingeyes_events.yaml")["gaze"]}, "gaze without lookahead"),
+        ({"gaze": model_section("talkingeyes_events")["gaze"]}, "gaze without lookahead"),
         ({**CODES, "gaze": CODES["gaze"] | {"condition_lookahead": 1}}, "gaze without lookahead"),
     ],
 )

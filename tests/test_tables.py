@@ -20,6 +20,7 @@ from talkingeyes.evaluation.tables.definitions import TABLES, TITLES, Column, Pa
 from talkingeyes.evaluation.tables.page import as_json, markdown, table_result
 from talkingeyes.evaluation.tables.rank_order import rank_order
 from talkingeyes.evaluation.tables.row_metrics import high_frequency_motion, range_rad, row_metrics
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.gaze.canonical_correlation import (
     CanonicalCorrelationSettings,
     Example,
@@ -282,7 +283,7 @@ def test_canonical_model_is_a_generator_and_loads(tmp_path, workspace):
     assert np.array_equal(
         many.head, load_generator(workspace.data("train", "random")).generate(speech, [3, 4], 25.0).head
     )
-    assert np.allclose(many.gaze, model.generate_gaze(speech, many.head))
+    assert np.allclose(many.gaze, model.generate_gaze(speech, many.head, [], NO_CONDITIONING))
     assert not np.allclose(many.gaze[0], many.gaze[1]), "another head, another gaze"
     for frames in (1, 3, 40):
         assert generator.generate(speech[:frames], [1], 25.0).gaze.shape == (1, frames, 2, 3)

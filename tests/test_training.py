@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,18 @@ from torch import Tensor, nn
 from toy import CHANNELS, recordings
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.corpus.recordings import Normaliser
-from talkingeyes.models.baselines import BaselineSettings, build_bank
+from talkingeyes.corpus.recordings import Normaliser, Recording
+from talkingeyes.models.baselines import BaselineSettings, MotionBank
+from talkingeyes.models.speech_to_motion import MotionBatch
 from talkingeyes.training import checkpoint
+from talkingeyes.training.baseline_checkpoint import save_baseline
+from talkingeyes.training.conditioning import motion_array
 from talkingeyes.training.free_running import free_running_statistics
 from talkingeyes.training.gaze_tokenizer import GazeTokenizerSettings, GazeTokenizerTask
 from talkingeyes.training.loop import LoopSettings, train
-from talkingeyes.training.motion_generators import load_generator, network_config, save_baseline
+from talkingeyes.training.motion_generators import load_generator, network_config
 from talkingeyes.training.motion_task import MotionTask, MotionTaskSettings
-from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, motion_statistics
+from talkingeyes.training.windows import WindowDataset, WindowSettings, motion_batch, motion_statistics
 
 LOOP = {
     "steps": 60,
@@ -74,21 +78,24 @@ def test_the_loop_keeps_the_weights_of_the_best_score() -> None:
     assert torch.equal(early.module.weight, spoiled.module.weight)
 
 
+def windows(clips: list[Recording], frames: int | None) -> WindowDataset[Recording, MotionBatch]:
+    return WindowDataset(clips, WindowSettings(frames=frames, mirror=False), 0, partial(motion_batch, None))
+
+
 def test_windows_are_cut_anywhere_and_short_clips_are_refused() -> None:
     clips = recordings(4, seed=3)
-    drawn = MotionWindowDataset(clips, WindowSettings(frames=50, mirror=False), seed=0).sample_batch(64, 1)
+    drawn = windows(clips, 50).sample_batch(64, 1)
     assert drawn.head.shape == (64, 50, 3)
     starts = {int(np.flatnonzero((c.head == window[0].numpy()).all(1))[0]) for window in drawn.head for c in clips
               if (c.head == window[0].numpy()).all(1).any()}  # fmt: skip
     assert len(starts) > 20
     with pytest.raises(InputError, match="at most 210"):
-        MotionWindowDataset(clips, WindowSettings(frames=500, mirror=False), seed=0)
+        windows(clips, 500)
 
 
 def test_whole_clips_come_once_an_epoch_and_alone() -> None:
     clips = [replace(each, head=each.head + index) for index, each in enumerate(recordings(5, seed=3))]
-    settings = WindowSettings(frames=None, mirror=False)
-    dataset = MotionWindowDataset(clips, settings, seed=0)
+    dataset = windows(clips, None)
     epochs = [[dataset.sample_batch(1, 5 * epoch + step).head[0] for step in range(1, 6)] for epoch in range(2)]
     orders = [[round(float(each.mean())) for each in epoch] for epoch in epochs]
     assert all(sorted(order) == [0, 1, 2, 3, 4] for order in orders)
@@ -257,8 +264,9 @@ def baseline(kind: str, tmp_path: Any) -> Any:
     settings = BaselineSettings.model_validate(
         {"kind": kind, "parts": ["head", "gaze"], "tokenizer": None, "neighbours": 3}
     )
-    bank = build_bank([c.speech for c in clips], [c.head for c in clips], [c.gaze for c in clips])
-    save_baseline(tmp_path, settings, bank, NORMALISER.mean, NORMALISER.std)
+    motions = [motion_array(each.head, each.gaze) for each in clips]
+    bank = MotionBank.of([each.speech for each in clips], motions, NORMALISER.mean, NORMALISER.std)
+    save_baseline(tmp_path, settings, bank)
     return clips, load_generator(tmp_path)
 
 

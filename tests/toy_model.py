@@ -10,8 +10,9 @@ import soundfile
 from toy import recordings
 
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
-from talkingeyes.models.baselines import BaselineSettings, build_bank
-from talkingeyes.training.motion_generators import save_baseline
+from talkingeyes.models.baselines import BaselineSettings, MotionBank
+from talkingeyes.training.baseline_checkpoint import save_baseline
+from talkingeyes.training.conditioning import motion_array
 
 EMBED = {
     "encoder": {"kind": "logmel", "bands": 20, "window_s": 0.05},
@@ -35,12 +36,12 @@ def toy_model(folder: Path) -> Path:
     clips = recordings(6, seed=1)
     rng = np.random.default_rng(0)
     features = [rng.standard_normal((len(clip.head), len(channels))).astype(np.float32) for clip in clips]
-    bank = build_bank(features, [clip.head for clip in clips], [clip.gaze for clip in clips])
     settings = BaselineSettings.model_validate(
         {"kind": "similar", "parts": ["head", "gaze"], "tokenizer": None, "neighbours": 3}
     )
     mean, std = np.zeros(len(channels), np.float32), np.ones(len(channels), np.float32)
-    save_baseline(folder, settings, bank, mean, std)
+    motions = [motion_array(clip.head, clip.gaze) for clip in clips]
+    save_baseline(folder, settings, MotionBank.of(features, motions, mean, std))
     embedding = {"fps": 25.0, "settings": EMBED, "channels": channels, "mean": mean.tolist(), "std": std.tolist()}
     (folder / "embedding.json").write_text(json.dumps(embedding))
     (folder / "blinks.json").write_text(json.dumps(BLINKS))

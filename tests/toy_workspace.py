@@ -14,9 +14,10 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus, make_shard_path
-from talkingeyes.models.baselines import BaselineSettings, build_bank
+from talkingeyes.models.baselines import BaselineSettings, MotionBank
 from talkingeyes.orchestration.run import Workspace
-from talkingeyes.training.motion_generators import save_baseline
+from talkingeyes.training.baseline_checkpoint import save_baseline
+from talkingeyes.training.conditioning import motion_array
 
 FPS, FRAMES, CHANNELS = 25.0, 75, 5
 NAMES = ["one", "two", "energy_dbfs", "f0_octaves", "voicing"]
@@ -59,10 +60,11 @@ def train_random(made: Workspace) -> None:
     clips = recordings(4, seed=2, frames=300)
     names = json.loads(made.data("embed", "embedding.json").read_text())["channels"]
     speech = [each.speech[:, : len(names)] for each in clips]
-    bank = build_bank(speech, [each.head for each in clips], [each.gaze for each in clips])
+    motions = [motion_array(each.head, each.gaze) for each in clips]
+    mean, std = np.zeros(len(names), np.float32), np.ones(len(names), np.float32)
     settings = BaselineSettings(kind="random", parts=("head", "gaze"), tokenizer=None, neighbours=1)
     with made.output("train", "random") as folder:
-        save_baseline(folder, settings, bank, np.zeros(len(names), np.float32), np.ones(len(names), np.float32))
+        save_baseline(folder, settings, MotionBank.of(speech, motions, mean, std))
 
 
 def _section(repository: Path, stage: str) -> object:

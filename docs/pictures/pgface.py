@@ -19,7 +19,8 @@ from talkingeyes.head.sag import FaceSurface
 from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.view import FRAMINGS
 from talkingeyes.training.checkpoint import load
-from talkingeyes.training.pgface_task import PGFaceTaskSettings, cut_windows, pgface_network, read_shape_recording
+from talkingeyes.training.pgface_task import PGFaceTaskSettings, pgface_network, read_shape_recording
+from talkingeyes.training.pose_windows import cut_windows
 
 PITCHES_DEG = (-18.0, 0.0, 18.0)
 SIZE, LEAST_OPEN = 420, 0.9
@@ -36,7 +37,7 @@ def main() -> None:
     output_frame = settings.network.output_frame - 1
     opening = recording.motion.jaw[: len(recording) - settings.network.window, 0]
     start = int(np.argmax(opening >= np.quantile(opening, LEAST_OPEN))) - output_frame
-    speech, pose = cut_windows([recording], [(0, max(start, 0))], settings.network.window, 0)
+    speech, pose = cut_windows([recording], [(0, max(start, 0))], settings.network.window)
     shapes, lawful = [], []
     for pitch_deg in PITCHES_DEG:
         held = pose.clone()

@@ -16,9 +16,9 @@ from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.corpus.fitted_clips import FittedClips, motion_path
+from talkingeyes.corpus.fitted_clips import FittedClips, motion_path, read_frames
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.store import Corpus, shard_path
+from talkingeyes.corpus.store import Corpus
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,7 @@ class FaceRecordings(FittedClips[FaceRecording]):
     def __init__(self, clips: Sequence[Clip], fit: Path, embed: Path) -> None:
         """Raises InputError if no clip was fitted."""
         read_face = lru_cache(maxsize=2048)(lambda clip: self._face(fit, clip))
-
-        def read(clip: Clip) -> FaceRecording:
-            expression, jaw = read_face(clip)
-            speech = np.load(shard_path(embed / "speech", clip.sound, ".npy"), mmap_mode="r")
-            frames = min(len(speech), len(jaw))
-            return FaceRecording(clip, speech[:frames], expression[:frames], jaw[:frames])
-
-        super().__init__(clips, fit, read)
+        super().__init__(clips, fit, lambda clip: FaceRecording(clip, *read_frames(embed, clip, read_face(clip))))
         if not self.clips:
             raise InputError(f"{fit}: should contain fitted clips, got none; every split needs clips")
         first = Motion.load(motion_path(fit, self.clips[0]))

@@ -6,6 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar, overload
 
+import numpy as np
+from numpy import ndarray
+
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, shard_path
@@ -35,6 +38,13 @@ class FittedClips(Sequence[R]):
 
     def __iter__(self) -> Iterator[R]:
         return map(self._read, self.clips)
+
+
+def read_frames(embed: Path, clip: Clip, motion: Sequence[ndarray]) -> list[ndarray]:
+    """The speech embedding of a clip, memory-mapped, and its motion, all cut to the shorter."""
+    speech = np.load(shard_path(embed / "speech", clip.sound, ".npy"), mmap_mode="r")
+    frames = min(len(speech), len(motion[0]))
+    return [each[:frames] for each in (speech, *motion)]
 
 
 def motion_path(fit: Path, clip: Clip) -> Path:

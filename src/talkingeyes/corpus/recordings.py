@@ -16,9 +16,9 @@ from numpy import ndarray
 
 from talkingeyes.core.containers import read_json
 from talkingeyes.core.motion import Motion
-from talkingeyes.corpus.fitted_clips import FittedClips, motion_path, require_clips
+from talkingeyes.corpus.fitted_clips import FittedClips, motion_path, read_frames, require_clips
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.store import Corpus, shard_path
+from talkingeyes.corpus.store import Corpus
 
 
 @dataclass(frozen=True)
@@ -56,14 +56,7 @@ class Recordings(FittedClips[Recording]):
 
     def __init__(self, clips: Sequence[Clip], fit: Path, embed: Path) -> None:
         read_motion = lru_cache(maxsize=4096)(lambda clip: _read_motion(fit, clip))
-
-        def read(clip: Clip) -> Recording:
-            head, gaze, valid = read_motion(clip)
-            speech = np.load(shard_path(embed / "speech", clip.sound, ".npy"), mmap_mode="r")
-            frames = min(len(speech), len(head))
-            return Recording(clip, speech[:frames], head[:frames], gaze[:frames], valid[:frames])
-
-        super().__init__(clips, fit, read)
+        super().__init__(clips, fit, lambda clip: Recording(clip, *read_frames(embed, clip, read_motion(clip))))
 
 
 def recordings(corpus: Corpus, fit: Path, embed: Path, *splits: str, take: int | None = None) -> Recordings:

@@ -31,26 +31,41 @@ class BaselineSettings(Settings):
 
 @dataclass(frozen=True)
 class MotionBank:
-    """Concatenated training motions: clip i is frames starts[i] to starts[i + 1]; `features` describe its sound.
+    """Concatenated training motions, of head and gaze or of the face: clip i is frames starts[i] to starts[i + 1].
 
-    `features` are means and standard deviations of the standardised speech embedding over the clip.
+    `features` are means and standard deviations of the speech embedding over each clip, standardised by `mean` and
+    `std`, the statistics of the embedding in the train split.
     """
 
     starts: ndarray
     motion: Float[ndarray, "F N"]
     features: Float[ndarray, "M D"]
+    mean: Float[ndarray, " C"]
+    std: Float[ndarray, " C"]
 
-    def max_frames(self) -> int:
-        """Frames of the longest clip."""
-        return int(np.diff(self.starts).max())
+    @classmethod
+    def of(
+        cls,
+        speech: Sequence[Float[ndarray, "T C"]],
+        motions: Sequence[Float[ndarray, "T M"]],
+        mean: Float[ndarray, " C"],
+        std: Float[ndarray, " C"],
+    ) -> MotionBank:
+        """A bank of the motions of training clips and their speech embeddings."""
+        return cls(
+            starts=np.cumsum([0, *map(len, motions)]),
+            motion=np.concatenate(motions).astype(np.float32),
+            features=np.stack([mean_and_std(standardise(each, mean, std)) for each in speech]),
+            mean=mean,
+            std=std,
+        )
 
 
-@dataclass(frozen=True)
-class BaselineMotion:
-    """Head and eye-in-head rotation vectors, one row per seed."""
-
-    head: Float[ndarray, "B T 3"]
-    gaze: Float[ndarray, "B T 2 3"]
+def standardise(
+    embedding: Float[ndarray, "T C"], mean: Float[ndarray, " C"], std: Float[ndarray, " C"]
+) -> Float[ndarray, "T C"]:
+    """An embedding with mean 0 and standard deviation 1 in each channel of the train split."""
+    return np.asarray((embedding - mean) / np.maximum(std, 1e-6))
 
 
 def mean_and_std(standardised: Float[ndarray, "T C"]) -> Float[ndarray, " D"]:
@@ -58,49 +73,21 @@ def mean_and_std(standardised: Float[ndarray, "T C"]) -> Float[ndarray, " D"]:
     return np.concatenate([standardised.mean(0), standardised.std(0)]).astype(np.float32)
 
 
-def build_bank(
-    speech: Sequence[Float[ndarray, "T C"]],
-    head: Sequence[Float[ndarray, "T 3"]],
-    gaze: Sequence[Float[ndarray, "T 2 3"]],
-) -> MotionBank:
-    """A bank of the head and gaze of training clips; `speech` is standardised."""
-    return build_motion_bank(
-        speech, [np.concatenate([h, g.reshape(len(g), 6)], axis=1) for h, g in zip(head, gaze, strict=True)]
-    )
-
-
-def build_motion_bank(speech: Sequence[Float[ndarray, "T C"]], motions: Sequence[Float[ndarray, "T M"]]) -> MotionBank:
-    """A bank of any motion vectors; a bank of faces holds expression and jaw."""
-    return MotionBank(
-        starts=np.cumsum([0, *map(len, motions)]),
-        motion=np.concatenate(motions).astype(np.float32),
-        features=np.stack([mean_and_std(each) for each in speech]),
-    )
-
-
-def generate(
-    settings: BaselineSettings, bank: MotionBank, standardised: Float[ndarray, "T C"], seeds: Sequence[int]
-) -> BaselineMotion:
-    """Head and gaze for a sound, one row per seed."""
-    motion = sample_bank(settings, bank, standardised, seeds)
-    return BaselineMotion(motion[..., :3], motion[..., 3:].reshape(*motion.shape[:2], 2, 3))
-
-
 def sample_bank(
-    settings: BaselineSettings, bank: MotionBank, standardised: Float[ndarray, "T C"], seeds: Sequence[int]
+    settings: BaselineSettings, bank: MotionBank, embedding: Float[ndarray, "T C"], seeds: Sequence[int]
 ) -> Float[ndarray, "B T M"]:
     """Motions of the bank for a sound, one row per seed. Frames beyond the longest training clip hold its last pose."""
-    frames = len(standardised)
-    return np.stack([_sample_one(settings, bank, standardised, frames, np.random.default_rng(seed)) for seed in seeds])
+    standardised = standardise(embedding, bank.mean, bank.std)
+    return np.stack([_sample_one(settings, bank, standardised, np.random.default_rng(seed)) for seed in seeds])
 
 
 def _sample_one(
     settings: BaselineSettings,
     bank: MotionBank,
     standardised: Float[ndarray, "T C"],
-    frames: int,
     rng: np.random.Generator,
 ) -> Float[ndarray, "T M"]:
+    frames = len(standardised)
     if settings.kind == "mean":
         return np.repeat(bank.motion.mean(0, keepdims=True), frames, axis=0)
     lengths = np.diff(bank.starts)

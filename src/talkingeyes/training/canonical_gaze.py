@@ -18,6 +18,8 @@ from numpy import ndarray
 
 from talkingeyes.core.settings import Settings, validate_section
 from talkingeyes.corpus.recordings import Normaliser, Recording
+from talkingeyes.models.baselines import standardise
+from talkingeyes.models.condition.conditioner import ConditioningInputs
 from talkingeyes.models.gaze.canonical_correlation import (
     CanonicalCorrelation,
     CanonicalCorrelationSettings,
@@ -52,10 +54,14 @@ class CanonicalGaze:
     std: Float[ndarray, " C"]
 
     def generate_gaze(
-        self, embedding: Float[ndarray, "T C"], head: Float[ndarray, "S T 3"]
+        self,
+        embedding: Float[ndarray, "T C"],
+        head: Float[ndarray, "S T 3"],
+        seeds: list[int],
+        conditioning: ConditioningInputs,
     ) -> Float[ndarray, "S T 2 3"]:
-        """One gaze motion per head motion."""
-        standard = _standard(embedding, self.mean, self.std)
+        """One gaze motion per head motion; seeds differ only in the head."""
+        standard = standardise(embedding, self.mean, self.std)
         return np.stack([generate_gaze(self.settings, self.correlation, standard, each) for each in head])
 
 
@@ -64,7 +70,7 @@ def fit_canonical_gaze(
 ) -> CanonicalGaze:
     """Fit the regression to the train split."""
     mean, std = normaliser.mean, normaliser.std
-    examples = [Example(_standard(np.asarray(each.speech), mean, std), each.head, each.gaze) for each in recordings]
+    examples = [Example(standardise(each.speech, mean, std), each.head, each.gaze) for each in recordings]
     return CanonicalGaze(settings.gaze, fit_canonical_correlation(settings.gaze, examples, seed), mean, std)
 
 
@@ -93,9 +99,3 @@ def load_canonical(checkpoint: Checkpoint) -> CanonicalGaze:
 
 def _own_arrays() -> list[str]:
     return [each.name for each in fields(CanonicalCorrelation) if each.name != "feature_map"]
-
-
-def _standard(
-    embedding: Float[ndarray, "T C"], mean: Float[ndarray, " C"], std: Float[ndarray, " C"]
-) -> Float[ndarray, "T C"]:
-    return np.asarray((embedding - mean) / np.maximum(std, 1e-6))

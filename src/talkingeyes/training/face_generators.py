@@ -18,12 +18,12 @@ from numpy import ndarray
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.samples import FaceSamples
-from talkingeyes.models import baselines
-from talkingeyes.models.baselines import BaselineSettings, MotionBank
+from talkingeyes.models.baselines import BaselineSettings, MotionBank, sample_bank
 from talkingeyes.models.face.basis import JAW_DIM, FaceBasis
 from talkingeyes.models.face.style import STYLE_FADE_S, StyleKey, StyleVocabulary
 from talkingeyes.models.speech_to_face import SpeechToFace
-from talkingeyes.training.checkpoint import Checkpoint, build_network, load, save
+from talkingeyes.training.baseline_checkpoint import load_baseline
+from talkingeyes.training.checkpoint import Checkpoint, build_network, load
 from talkingeyes.training.face_task import FaceData, FaceTaskSettings
 from talkingeyes.training.face_tokenizer import FaceTokenizer, build_face_tokenizer
 
@@ -66,8 +66,6 @@ class BaselineFaceGenerator:
 
     settings: BaselineSettings
     bank: MotionBank
-    mean: Float[ndarray, " C"]
-    std: Float[ndarray, " C"]
     basis: FaceBasis
     vocabulary: StyleVocabulary
 
@@ -77,8 +75,7 @@ class BaselineFaceGenerator:
         """Sample from the bank. Raises InputError for an unknown speaker."""
         for key in style:
             self.vocabulary.style_vector(key.style)
-        standardised = (embedding - self.mean) / np.maximum(self.std, 1e-6)
-        return _samples(baselines.sample_bank(self.settings, self.bank, standardised, seeds), fps, self.basis)
+        return _samples(sample_bank(self.settings, self.bank, embedding, seeds), fps, self.basis)
 
 
 def face_config(settings: FaceTaskSettings, data: FaceData, tokenizer: FaceTokenizer | None) -> dict[str, Any]:
@@ -86,22 +83,14 @@ def face_config(settings: FaceTaskSettings, data: FaceData, tokenizer: FaceToken
     return {
         "model": settings.model_dump(mode="json"),
         "channels": list(data.normaliser.channels),
-        "basis": data.basis.to_dict(),
-        "speakers": list(data.vocabulary.speakers),
+        **face_space(data),
         "tokenizer": tokenizer.to_dict() if tokenizer else None,
     }
 
 
-def save_face_baseline(folder: Path, settings: BaselineSettings, bank: MotionBank, data: FaceData) -> None:
-    """Write a baseline as a checkpoint."""
-    statistics = {"mean": data.normaliser.mean, "std": data.normaliser.std}
-    arrays = {"starts": bank.starts, "motion": bank.motion, "features": bank.features, **statistics}
-    config = {
-        "model": settings.model_dump(mode="json"),
-        "basis": data.basis.to_dict(),
-        "speakers": list(data.vocabulary.speakers),
-    }
-    save(folder, {k: torch.from_numpy(np.asarray(v)) for k, v in arrays.items()}, config)
+def face_space(data: FaceData) -> dict[str, Any]:
+    """The part of a configuration that networks and baselines share: head model and speakers."""
+    return {"basis": data.basis.to_dict(), "speakers": list(data.vocabulary.speakers)}
 
 
 def load_face_generator(folder: Path, head: FaceBasis | None = None) -> TrainedFaceGenerator:
@@ -111,7 +100,7 @@ def load_face_generator(folder: Path, head: FaceBasis | None = None) -> TrainedF
     """
     checkpoint = load(folder)
     try:
-        generator = (_network if checkpoint.config["model"]["kind"] == "speech_to_face" else _baseline)(checkpoint)
+        generator = _generator(checkpoint)
     except (KeyError, TypeError, RuntimeError, ValueError) as error:
         raise InputError(f"{folder}: not a model of the face ({error}); `make repro` trains probtalk3d") from None
     if head is not None:
@@ -119,9 +108,11 @@ def load_face_generator(folder: Path, head: FaceBasis | None = None) -> TrainedF
     return generator
 
 
-def _network(checkpoint: Checkpoint) -> TrainedFaceGenerator:
+def _generator(checkpoint: Checkpoint) -> TrainedFaceGenerator:
     config = checkpoint.config
     basis, vocabulary = FaceBasis.of(config["basis"]), StyleVocabulary(tuple(config["speakers"]))
+    if config["model"]["kind"] != "speech_to_face":
+        return BaselineFaceGenerator(*load_baseline(checkpoint), basis, vocabulary)
     settings = validate_section("model", FaceTaskSettings, config["model"])
 
     def build() -> SpeechToFace:
@@ -129,15 +120,6 @@ def _network(checkpoint: Checkpoint) -> TrainedFaceGenerator:
         return SpeechToFace(settings, config["channels"], vocabulary, basis.numbers, tokenizer)
 
     return NetworkFaceGenerator(build_network(build, checkpoint.tensors), basis, vocabulary)
-
-
-def _baseline(checkpoint: Checkpoint) -> TrainedFaceGenerator:
-    config = checkpoint.config
-    arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in checkpoint.tensors.items()}
-    bank = MotionBank(arrays["starts"], arrays["motion"], arrays["features"])
-    settings = validate_section("model", BaselineSettings, config["model"])
-    basis, vocabulary = FaceBasis.of(config["basis"]), StyleVocabulary(tuple(config["speakers"]))
-    return BaselineFaceGenerator(settings, bank, arrays["mean"], arrays["std"], basis, vocabulary)
 
 
 def _samples(faces: Float[ndarray, "S T F"], fps: float, basis: FaceBasis) -> FaceSamples:

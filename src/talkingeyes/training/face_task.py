@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
+from jaxtyping import Float
+from numpy import ndarray
 from torch import Tensor
 
+from talkingeyes.core.energy_score import energy_score
 from talkingeyes.corpus.faces import FaceRecording
 from talkingeyes.corpus.recordings import Normaliser
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.speech_to_face import SpeechToFace, SpeechToFaceSettings
 from talkingeyes.training.face_tokenizer import FaceTokenizer
-from talkingeyes.training.face_validation import energy_score, speed_ratio
-from talkingeyes.training.face_windows import FaceStatistics, FaceWindowDataset
+from talkingeyes.training.face_windows import FaceStatistics, face_batch
 from talkingeyes.training.loop import LoopSettings
-from talkingeyes.training.windows import WindowSettings
+from talkingeyes.training.windows import WindowDataset, WindowSettings
 
 VALIDATION_SAMPLES = 4
 
@@ -49,7 +52,9 @@ class FaceTask:
     def __init__(self, settings: FaceTaskSettings, seed: int, data: FaceData, tokenizer: FaceTokenizer | None) -> None:
         torch.manual_seed(seed)
         self.settings, self.data = settings, data
-        self.windows = FaceWindowDataset(data.train, data.basis, data.vocabulary, settings.windows, seed)
+        self.windows = WindowDataset(
+            data.train, settings.windows, seed, partial(face_batch, data.basis, data.vocabulary)
+        )
         self.rng = self.windows.rng
         # The first take of each val sound, up to the number of validation clips.
         self.validation_recordings = [each for each in data.val if each.clip.take == 0][: settings.validation_clips]
@@ -84,6 +89,12 @@ class FaceTask:
             speech = torch.from_numpy(np.array(each.speech))
             generated = self.module.generate(speech, torch.from_numpy(style[None]), seeds, temperature).cpu().numpy()
             true = (self.data.basis.to_vector(each.expression, each.jaw) - mean) / scale
-            scores.append(energy_score((generated - mean) / scale, true))
+            scores.append(float(energy_score((generated - mean) / scale, true).mean()))
             ratios.append(speed_ratio((generated - mean) / scale, true))
         return {"validation_score": -float(np.mean(scores)), "free_running/face_speed_ratio": float(np.mean(ratios))}
+
+
+def speed_ratio(samples: Float[ndarray, "S T F"], true: Float[ndarray, "T F"]) -> float:
+    """Mean change per frame of samples relative to the truth: 0 is frozen, above 1 jitters."""
+    change = np.linalg.norm(np.diff(true, axis=0), axis=-1).mean()
+    return float(np.linalg.norm(np.diff(samples, axis=1), axis=-1).mean() / max(change, 1e-9))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -21,11 +22,11 @@ from talkingeyes.models.face.autoencoder import FACE_AUTOENCODERS, FaceAutoencod
 from talkingeyes.models.face.basis import JAW_DIM, FaceBasis
 from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.face.vqvae import FaceVQVAE
-from talkingeyes.models.layers.quantiser import perplexity
+from talkingeyes.models.layers.quantiser import code_figures
 from talkingeyes.training.checkpoint import load
-from talkingeyes.training.face_windows import FaceStatistics, FaceWindowDataset
+from talkingeyes.training.face_windows import FaceStatistics, face_batch
 from talkingeyes.training.loop import LoopSettings
-from talkingeyes.training.windows import WindowSettings
+from talkingeyes.training.windows import WindowDataset, WindowSettings
 
 STATISTICS_WINDOWS = 64  # training windows for the statistics of latents
 
@@ -52,12 +53,8 @@ class FaceReconstructionError:
 
     def figures(self) -> dict[str, float]:
         """Metrics to report, with code usage for codebooks."""
-        found = {"expression_rmse": self.expression, "jaw_rmse_deg": self.jaw_deg}
-        if len(self.counts):
-            used = int((self.counts > 0).sum())
-            share = used / len(self.counts)
-            found |= {"codes_used": float(used), "codes_used_fraction": share, "perplexity": perplexity(self.counts)}
-        return found
+        errors = {"expression_rmse": self.expression, "jaw_rmse_deg": self.jaw_deg}
+        return errors | (code_figures(self.counts) if len(self.counts) else {})
 
 
 class FaceTokenizerTask:
@@ -74,7 +71,7 @@ class FaceTokenizerTask:
         self.settings, self.basis, self.train_faces, self.val_faces = settings, basis, train, val
         self.module: Any = FACE_AUTOENCODERS.build(settings.network, basis.numbers)
         vocabulary = StyleVocabulary.of(each.clip for each in train)
-        self.windows = FaceWindowDataset(train, basis, vocabulary, settings.windows, settings.seed)
+        self.windows = WindowDataset(train, settings.windows, settings.seed, partial(face_batch, basis, vocabulary))
         self.rng = self.windows.rng
         face_statistics = FaceStatistics.of(train)
         self.module.normalise_by(face_statistics.mean, face_statistics.scale)
@@ -89,6 +86,16 @@ class FaceTokenizerTask:
         """Error on val clips without sampling; the validation score is its negative."""
         error = self.error(self.val_faces)
         return {"validation_score": -error.normalised_l1, **error.figures()}
+
+    def finish(self) -> tuple[dict[str, float], Float[Tensor, " K"]]:
+        """Fit the statistics of the latents. Returns metrics, and code counts over the train split."""
+        self.fit_latent_statistics()
+        error = self.error(self.train_faces)
+        return error.figures(), error.counts
+
+    def config(self) -> dict[str, Any]:
+        """The configuration that rebuilds the autoencoder."""
+        return face_tokenizer_config(self.settings.network, self.basis)
 
     @torch.no_grad()
     def fit_latent_statistics(self) -> None:

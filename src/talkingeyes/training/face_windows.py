@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float
-from numpy import ndarray
 from torch import Tensor
 
 from talkingeyes.corpus.faces import FaceRecording
 from talkingeyes.models.face.basis import JAW_DIM, FaceBasis
 from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.speech_to_face import FaceBatch
-from talkingeyes.training.windows import Window, WindowSampler, WindowSettings, motion_statistics
+from talkingeyes.training.windows import Window, motion_statistics
 
 
 @dataclass(frozen=True)
@@ -39,31 +38,12 @@ class FaceStatistics:
         return cls(*(torch.from_numpy(array.astype(np.float32)) for array in arrays))
 
 
-class FaceWindowDataset:
-    """Samples batches of faces with their speech and style."""
-
-    def __init__(
-        self,
-        recordings: Sequence[FaceRecording],
-        basis: FaceBasis,
-        vocabulary: StyleVocabulary,
-        settings: WindowSettings,
-        seed: int,
-    ) -> None:
-        self.recordings, self.basis, self.vocabulary = recordings, basis, vocabulary
-        self.window_sampler = WindowSampler(np.array([len(recording) for recording in recordings]), settings, seed)
-        self.rng = self.window_sampler.rng
-
-    def sample_batch(self, batch: int, step: int) -> FaceBatch:
-        """Sample the batch of a step (from 1)."""
-        windows = self.window_sampler.sample_batch(batch, step)
-        speech, style, face = zip(*map(self._slice_window, windows), strict=True)
-        return FaceBatch(*(torch.from_numpy(np.stack(part)) for part in (speech, style, face)))
-
-    def _slice_window(self, window: Window) -> tuple[ndarray, ...]:
-        recording, part = self.recordings[window.index], window.frames
-        face = self.basis.to_vector(recording.expression[part], recording.jaw[part])
-        if window.mirrored:
-            face = self.basis.mirrored(face)
-        style = self.vocabulary.style_vector(self.vocabulary.style_of(recording.clip))
-        return np.asarray(recording.speech[part]), style[None], face
+def face_batch(basis: FaceBasis, vocabulary: StyleVocabulary, windows: Sequence[Window[FaceRecording]]) -> FaceBatch:
+    """Windows of faces with their speech and style."""
+    rows = []
+    for each in windows:
+        recording, part = each.recording, each.frames
+        face = basis.to_vector(recording.expression[part], recording.jaw[part])
+        style = vocabulary.style_vector(vocabulary.style_of(recording.clip))
+        rows.append((np.asarray(recording.speech[part]), style[None], basis.mirrored(face) if each.mirrored else face))
+    return FaceBatch(*(torch.from_numpy(np.stack(part)) for part in zip(*rows, strict=True)))

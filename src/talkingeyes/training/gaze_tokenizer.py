@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -18,10 +19,10 @@ from talkingeyes.models.gaze.categorical import stay_mask
 from talkingeyes.models.gaze.gaze_signal import to_signal, to_signal_tensor
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.layers import distributed
-from talkingeyes.models.layers.quantiser import perplexity
+from talkingeyes.models.layers.quantiser import code_figures, perplexity
 from talkingeyes.models.losses import sum_if_printed
 from talkingeyes.training.loop import LoopSettings
-from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, motion_statistics
+from talkingeyes.training.windows import WindowDataset, WindowSettings, motion_batch, motion_statistics
 
 
 class GazeTokenizerSettings(Settings):
@@ -44,14 +45,8 @@ class CodeUsage:
 
     def figures(self) -> dict[str, float]:
         """Number and fraction of used codes, perplexity, fraction of stays, reconstruction error."""
-        used = int((self.counts > 0).sum())
-        return {
-            "codes_used": float(used),
-            "codes_used_fraction": used / len(self.counts),
-            "perplexity": perplexity(self.counts),
-            "stay_fraction": self.stay_fraction,
-            "reconstruction_error_deg": self.error_deg,
-        }
+        errors = {"stay_fraction": self.stay_fraction, "reconstruction_error_deg": self.error_deg}
+        return code_figures(self.counts) | errors
 
 
 class GazeTokenizerTask:
@@ -61,7 +56,7 @@ class GazeTokenizerTask:
         torch.manual_seed(settings.seed)
         self.settings, self.train_recordings, self.val_recordings = settings, train, val
         self.module = GazeVQVAE(settings.network)
-        self.windows = MotionWindowDataset(train, settings.windows, settings.seed)
+        self.windows = WindowDataset(train, settings.windows, settings.seed, partial(motion_batch, None))
         self.rng = self.windows.rng
         frames = np.concatenate([to_signal(settings.network.signal, each.head, each.gaze) for each in train])
         measured = motion_statistics(frames)
@@ -96,6 +91,16 @@ class GazeTokenizerTask:
             "reconstruction_error_deg": code_usage.error_deg,
             "perplexity": perplexity(code_usage.counts),
         }
+
+    def finish(self) -> tuple[dict[str, float], Float[Tensor, " K"]]:
+        """Metrics of the trained codebook, and code counts over the train split."""
+        code_usage = self.code_usage(self.train_recordings)
+        of_val = {"val_reconstruction_error_deg": self.code_usage(self.val_recordings).error_deg}
+        return code_usage.figures() | of_val, code_usage.counts
+
+    def config(self) -> dict[str, Any]:
+        """The configuration that rebuilds the codebook."""
+        return self.settings.network.model_dump(mode="json")
 
     @torch.no_grad()
     def code_usage(self, recordings: Sequence[Recording]) -> CodeUsage:

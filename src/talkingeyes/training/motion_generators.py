@@ -18,11 +18,11 @@ from numpy import ndarray
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings, validate_section
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.models import baselines
-from talkingeyes.models.baselines import BaselineSettings, MotionBank
+from talkingeyes.models.baselines import BaselineSettings, MotionBank, sample_bank
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs, InputName
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.speech_to_motion import MotionBatch, SpeechToMotion
+from talkingeyes.training.baseline_checkpoint import load_baseline
 from talkingeyes.training.canonical_gaze import HEAD_PREFIX, CanonicalGaze, load_canonical
 from talkingeyes.training.checkpoint import Checkpoint, build_network, load, save
 from talkingeyes.training.motion_task import MotionTaskSettings
@@ -62,6 +62,17 @@ class NetworkGenerator:
         out = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), seeds, None, conditioning)
         return Samples(fps, out.head.numpy().astype(np.float64), out.gaze.numpy().astype(np.float64))
 
+    def generate_gaze(
+        self,
+        embedding: Float[ndarray, "T C"],
+        head: Float[ndarray, "S T 3"],
+        seeds: list[int],
+        conditioning: ConditioningInputs,
+    ) -> Float[ndarray, "S T 2 3"]:
+        """Sample gaze for the heads of another model."""
+        speech, heads = (torch.from_numpy(np.array(each, np.float32)) for each in (embedding, head))
+        return self.network.generate_gaze(speech, heads, seeds, conditioning).numpy()
+
     def log_likelihood(
         self,
         embedding: Float[ndarray, "T C"],
@@ -81,8 +92,6 @@ class BaselineGenerator:
 
     settings: BaselineSettings
     bank: MotionBank
-    mean: Float[ndarray, " C"]
-    std: Float[ndarray, " C"]
 
     def generate(
         self,
@@ -92,9 +101,8 @@ class BaselineGenerator:
         conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples:
         """Sample from the bank."""
-        standardised = (embedding - self.mean) / np.maximum(self.std, 1e-6)
-        out = baselines.generate(self.settings, self.bank, standardised, seeds)
-        return Samples(fps, out.head.astype(np.float64), out.gaze.astype(np.float64))
+        motion = sample_bank(self.settings, self.bank, embedding, seeds).astype(np.float64)
+        return Samples(fps, motion[..., :3], motion[..., 3:].reshape(*motion.shape[:2], 2, 3))
 
 
 class HeadThenGazeSettings(Settings):
@@ -109,10 +117,10 @@ class HeadThenGazeSettings(Settings):
 
 @dataclass(frozen=True)
 class HeadThenGaze:
-    """The head of one model, and the gaze of another for this head."""
+    """The head of one model, and gaze for this head by another or by canonical correlation."""
 
     head: TrainedGenerator
-    gaze: SpeechToMotion
+    gaze: NetworkGenerator | CanonicalGaze
 
     def generate(
         self,
@@ -122,30 +130,8 @@ class HeadThenGaze:
         conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples:
         """Sample the head first, then gaze for the same speech and head. Both models get the same conditioning."""
-        speech, head = np.array(embedding, np.float32), self.head.generate(embedding, seeds, fps, conditioning).head
-        gaze = self.gaze.generate_gaze(
-            torch.from_numpy(speech), torch.from_numpy(head.astype(np.float32)), seeds, conditioning
-        )
-        return Samples(fps, head, gaze.numpy().astype(np.float64))
-
-
-@dataclass(frozen=True)
-class HeadThenCanonical:
-    """The head of one model, and gaze for it by canonical correlation."""
-
-    head: TrainedGenerator
-    gaze: CanonicalGaze
-
-    def generate(
-        self,
-        embedding: Float[ndarray, "T C"],
-        seeds: list[int],
-        fps: float,
-        conditioning: ConditioningInputs = NO_CONDITIONING,
-    ) -> Samples:
-        """Sample the head first. Seeds differ only in the head."""
         head = self.head.generate(embedding, seeds, fps, conditioning).head
-        return Samples(fps, head, self.gaze.generate_gaze(embedding, head))
+        return Samples(fps, head, self.gaze.generate_gaze(embedding, head, seeds, conditioning).astype(np.float64))
 
 
 def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Checkpoint, gaze: Checkpoint) -> None:
@@ -168,25 +154,21 @@ def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Chec
     save(folder, tensors, config)
 
 
-def required_inputs(generator: TrainedGenerator) -> frozenset[InputName]:
+def required_inputs(generator: TrainedGenerator | CanonicalGaze) -> frozenset[InputName]:
     """Inputs of a trained model besides the embedding."""
     if isinstance(generator, NetworkGenerator | PoseModelGenerator):
         return generator.network.required_inputs
     if isinstance(generator, HeadThenGaze):
-        return generator.gaze.required_inputs | required_inputs(generator.head)
-    if isinstance(generator, HeadThenCanonical):
-        return required_inputs(generator.head)
+        return required_inputs(generator.gaze) | required_inputs(generator.head)
     return frozenset()
 
 
-def training_speakers(generator: TrainedGenerator) -> tuple[str, ...]:
+def training_speakers(generator: TrainedGenerator | CanonicalGaze) -> tuple[str, ...]:
     """The training speakers of a model conditioned on the speaker, in index order."""
     if "speaker" not in required_inputs(generator):
         return ()
-    if isinstance(generator, HeadThenGaze) and "speaker" in generator.gaze.required_inputs:
-        return generator.gaze.speakers
-    if isinstance(generator, HeadThenGaze | HeadThenCanonical):
-        return training_speakers(generator.head)
+    if isinstance(generator, HeadThenGaze):
+        return training_speakers(generator.gaze) or training_speakers(generator.head)
     return generator.network.speakers if isinstance(generator, NetworkGenerator | PoseModelGenerator) else ()
 
 
@@ -206,16 +188,6 @@ def network_config(
     }
 
 
-def save_baseline(folder: Path, settings: BaselineSettings, bank: MotionBank, mean: ndarray, std: ndarray) -> None:
-    """Write a baseline as a checkpoint."""
-    arrays = {"starts": bank.starts, "motion": bank.motion, "features": bank.features, "mean": mean, "std": std}
-    save(
-        folder,
-        {k: torch.from_numpy(np.asarray(v)) for k, v in arrays.items()},
-        {"model": settings.model_dump(mode="json")},
-    )
-
-
 def load_generator(folder: Path) -> TrainedGenerator:
     """Load the model of a folder of the train stage. Raises InputError if it is missing or damaged."""
     checkpoint = load(folder)
@@ -232,10 +204,11 @@ def _generator(checkpoint: Checkpoint) -> TrainedGenerator:
     if kind == "speech_to_pose":
         return PoseModelGenerator(pose_network(checkpoint))
     if kind == "head_then_gaze":
-        return HeadThenGaze(_generator(_part(checkpoint, "head")), _network(_part(checkpoint, "gaze")))
+        gaze = NetworkGenerator(_network(_part(checkpoint, "gaze")))
+        return HeadThenGaze(_generator(_part(checkpoint, "head")), gaze)
     if kind == "canonical_correlation":
-        return HeadThenCanonical(_generator(_part(checkpoint, HEAD_PREFIX)), load_canonical(checkpoint))
-    return _baseline(checkpoint)
+        return HeadThenGaze(_generator(_part(checkpoint, HEAD_PREFIX)), load_canonical(checkpoint))
+    return BaselineGenerator(*load_baseline(checkpoint))
 
 
 def _part(checkpoint: Checkpoint, part: str) -> Checkpoint:
@@ -255,10 +228,3 @@ def _network(checkpoint: Checkpoint) -> SpeechToMotion:
         return SpeechToMotion(settings, config["channels"], codebook, config["speakers"], config["architecture"])
 
     return build_network(build, checkpoint.tensors)
-
-
-def _baseline(checkpoint: Checkpoint) -> BaselineGenerator:
-    arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in checkpoint.tensors.items()}
-    bank = MotionBank(arrays["starts"], arrays["motion"], arrays["features"])
-    settings = validate_section("model", BaselineSettings, checkpoint.config["model"])
-    return BaselineGenerator(settings, bank, arrays["mean"], arrays["std"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 
 import numpy as np
 import torch
@@ -22,7 +23,7 @@ from talkingeyes.training.conditioning import ConditioningPaths, ConditioningPro
 from talkingeyes.training.free_running import FreeRunningStatistics, free_running_statistics
 from talkingeyes.training.initialisation import init_from
 from talkingeyes.training.loop import LoopSettings
-from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, motion_statistics
+from talkingeyes.training.windows import WindowDataset, WindowSettings, motion_batch, motion_statistics
 
 EQUALISER_CLIPS = 256  # maximum number of training clips for the fit of the equaliser
 
@@ -69,7 +70,7 @@ class MotionTask:
         self.conditioning_provider = (
             ConditioningProvider(required_inputs, speakers, train, conditioning_paths) if required_inputs else None
         )
-        self.windows = MotionWindowDataset(train, settings.windows, seed, self.conditioning_provider)
+        self.windows = WindowDataset(train, settings.windows, seed, partial(motion_batch, self.conditioning_provider))
         self.rng = self.windows.rng
         motions = [
             torch.from_numpy(motion_array(each.head, each.gaze)) for each in train if "reference" in required_inputs

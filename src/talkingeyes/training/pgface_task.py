@@ -24,9 +24,9 @@ from talkingeyes.head.sag import FaceSurface
 from talkingeyes.models.pgface import PGFace, PGFaceNetworkSettings
 from talkingeyes.training.checkpoint import Checkpoint, build_network
 from talkingeyes.training.loop import LoopSettings
+from talkingeyes.training.pose_windows import PoseWindowSampler, cut_windows, pose_scale
 
 BASIS_FRAMES = 800  # approximate number of frames for the shape basis
-MIN_POSE_SD = 1e-6  # dimensions of lower spread are not scaled
 
 
 class PGFaceTaskSettings(Settings):
@@ -89,22 +89,18 @@ class PGFaceTask:
     ) -> None:
         torch.manual_seed(seed)
         self.settings, self.surface, self.train = settings, surface, train
-        self.rng = np.random.default_rng(seed)
         self.module = PGFace(settings.network, normaliser.channels, len(surface.vertices))
         self.module.speech.standardise_by(torch.from_numpy(normaliser.mean), torch.from_numpy(normaliser.std))
-        deviation = np.concatenate([each.pose for each in train]).std(0)
-        self.module.pose_scale.copy_(torch.from_numpy(np.where(deviation > MIN_POSE_SD, deviation, 1.0)))
+        self.module.pose_scale.copy_(torch.from_numpy(pose_scale(train)))
         self._learn_basis()
-        self.window_starts = [
-            (index, start) for index, each in enumerate(train) for start in range(len(each) - settings.network.window)
-        ]
+        self.windows = PoseWindowSampler(train, settings.network.window + 1, hop=1, seed=seed)
+        self.rng = self.windows.rng
         self.of_train = [self._coefficients(each) for each in train]
         self.validation_windows = self._validation_windows(val)
 
     def losses(self, step: int) -> dict[str, Tensor]:
         """Eq. 8 on a batch."""
-        chosen = self.rng.integers(len(self.window_starts), size=self.settings.loop.batch)
-        cuts = [self.window_starts[int(each)] for each in chosen]
+        cuts = self.windows.sample(self.settings.loop.batch)
         window, output_frame, device = (
             self.settings.network.window,
             self.settings.network.output_frame - 1,
@@ -172,18 +168,7 @@ class PGFaceTask:
         ]
         factors = [self._factors(each) for each in val]
         vertices = self.surface.shapes(np.stack([factors[index][start + output_frame] for index, start in cuts]))
-        return (*cut_windows(val, cuts, window, 0), torch.from_numpy(vertices).float())
-
-
-def cut_windows(
-    recordings: Sequence[ShapeRecording], cuts: Sequence[tuple[int, int]], window: int, shift: int
-) -> tuple[Float[Tensor, "B W C"], Float[Tensor, "B W 6"]]:
-    """Speech and poses of windows, shifted by `shift` frames."""
-    parts = [(recordings[index], slice(start + shift, start + shift + window)) for index, start in cuts]
-    return (
-        torch.from_numpy(np.stack([each.speech[part] for each, part in parts])),
-        torch.from_numpy(np.stack([each.pose[part] for each, part in parts])),
-    )
+        return (*cut_windows(val, cuts, window), torch.from_numpy(vertices).float())
 
 
 def pgface_config(settings: PGFaceTaskSettings, normaliser: Normaliser, surface: FaceSurface) -> dict[str, Any]:

@@ -23,12 +23,11 @@ from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.poses import PoseRecording
 from talkingeyes.corpus.recordings import Normaliser
 from talkingeyes.models.head.discriminator import lagged_differences
-from talkingeyes.models.head.pose_generator import TrainingWindows, mean_and_std
+from talkingeyes.models.head.pose_generator import RetrievingPoseGenerator, TrainingWindows, mean_and_std
 from talkingeyes.models.layers.schedules import set_trained_steps
 from talkingeyes.models.speech_to_pose import START_POSES, PoseBatch, SpeechToPose, SpeechToPoseSettings
 from talkingeyes.training.loop import LoopSettings
-
-MIN_POSE_SD = 1e-6  # dimensions of lower spread are not scaled
+from talkingeyes.training.pose_windows import PoseWindowSampler, cut_windows, pose_scale
 
 
 class PoseWindowSettings(Settings):
@@ -86,12 +85,10 @@ class PoseTask:
     ) -> None:
         torch.manual_seed(seed)
         self.settings, self.train = settings, train
-        self.rng = np.random.default_rng(seed)
-        length, hop = settings.windows.frames, settings.windows.hop
-        self.window_starts = [
-            (index, start) for index, each in enumerate(train) for start in range(0, len(each) - length + 1, hop)
-        ]
-        if not self.window_starts:
+        length = settings.windows.frames
+        self.windows = PoseWindowSampler(train, length, settings.windows.hop, seed)
+        self.rng = self.windows.rng
+        if not self.windows.starts:
             raise InputError(
                 f"windows.frames: should be at most the longest clip, got {length} at {settings.poses.fps:g} fps"
             )
@@ -134,18 +131,15 @@ class PoseTask:
 
     def _draw(self) -> PoseBatch:
         assert self.settings.loop is not None
-        chosen = self.rng.integers(len(self.window_starts), size=self.settings.loop.batch)
-        cuts = [self.window_starts[int(each)] for each in chosen]
-        length = self.settings.windows.frames
-        speech = np.stack([self.train[index].speech[start : start + length] for index, start in cuts])
-        pose = np.stack([self.train[index].pose[start : start + length] for index, start in cuts])
-        style = np.stack([self.module.style_of(self.train[index].clip.speaker) for index, _ in cuts])
-        return PoseBatch(*(torch.from_numpy(each).to(self.module.scale.device) for each in (speech, pose, style)))
+        starts = self.windows.sample(self.settings.loop.batch)
+        speech, pose = cut_windows(self.train, starts, self.settings.windows.frames)
+        style = np.stack([self.module.style_of(self.train[index].clip.speaker) for index, _ in starts])
+        batch = (speech, pose, torch.from_numpy(style))
+        return PoseBatch(*(each.to(self.module.scale.device) for each in batch))
 
     def _prepare(self) -> None:
         """Set statistics, start poses, and the training windows of the baselines."""
-        poses = np.concatenate([each.pose for each in self.train])
-        scale = np.where(poses.std(0) > MIN_POSE_SD, poses.std(0), 1.0).astype(np.float32)
+        scale = pose_scale(self.train)
         self.module.scale.copy_(torch.from_numpy(scale))
         self.module.mean_pose.copy_(torch.from_numpy(np.stack([each.centre for each in self.train]).mean(0)))
         if self.module.discriminator is not None:
@@ -156,7 +150,8 @@ class PoseTask:
             own = np.concatenate([each.pose for each in self.train if each.clip.speaker == speaker]) / scale
             spread = np.linspace(0, len(own) - 1, START_POSES).astype(int)
             self.module.start_poses[index] = torch.from_numpy(own[spread])
-        self.module.head.set_training_windows(self._training_windows(scale))
+        if isinstance(self.module.head, RetrievingPoseGenerator):
+            self.module.head.set_training_windows(self._training_windows(scale))
 
     def _training_windows(self, scale: Float[ndarray, " 6"]) -> TrainingWindows:
         """Training windows with 50 % overlap, and statistics of their speech."""

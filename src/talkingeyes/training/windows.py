@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence, Sized
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Generic, TypeVar
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numpy import ndarray
 from pydantic import Field
 
@@ -19,7 +19,10 @@ from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.gaze.gaze_signal import mirror_motion
 from talkingeyes.models.layers import distributed
 from talkingeyes.models.speech_to_motion import MotionBatch
-from talkingeyes.training.conditioning import ConditioningProvider, WindowInputs, collate_inputs
+from talkingeyes.training.conditioning import ConditioningProvider, collate_inputs
+
+AnyRecording = TypeVar("AnyRecording", bound=Sized)
+Batch = TypeVar("Batch")
 
 
 class WindowSettings(Settings):
@@ -49,33 +52,43 @@ def motion_statistics(frames: Float[ndarray, "N F"]) -> MotionStatistics:
 
 
 @dataclass(frozen=True)
-class Window:
-    """Index of a recording, a range of its frames, and whether they are mirrored."""
+class Window(Generic[AnyRecording]):
+    """A range of frames of a recording, and whether they are mirrored."""
 
-    index: int
+    recording: AnyRecording
     frames: slice
     mirrored: bool
 
 
-class WindowSampler:
-    """Samples windows of clips of given lengths, in proportion to length, or whole clips in epochs. Clips shorter than
-    a window are excluded."""
+class WindowDataset(Generic[AnyRecording, Batch]):
+    """Samples batches of windows of recordings, in proportion to length, or of whole recordings in epochs.
 
-    def __init__(self, lengths: Int[ndarray, " M"], settings: WindowSettings, seed: int) -> None:
-        """Raises InputError if no clip is long enough."""
-        self.settings, self.seed, self.frames = settings, seed, lengths
+    `collate` reads the windows of a batch. Recordings shorter than a window are excluded.
+    """
+
+    def __init__(
+        self,
+        recordings: Sequence[AnyRecording],
+        settings: WindowSettings,
+        seed: int,
+        collate: Callable[[Sequence[Window[AnyRecording]]], Batch],
+    ) -> None:
+        """Raises InputError if no recording is long enough."""
+        self.recordings, self.settings, self.seed, self.collate = recordings, settings, seed, collate
         self.rng = np.random.default_rng(seed)
-        self.long_enough = np.flatnonzero(lengths >= (settings.frames or 2))
+        self.lengths = np.array([len(each) for each in recordings])
+        self.long_enough = np.flatnonzero(self.lengths >= (settings.frames or 2))
         if not len(self.long_enough):
+            longest = self.lengths.max()
             raise InputError(
-                f"windows.frames: should be at most {lengths.max()} (the longest training clip), got {settings.frames}"
+                f"windows.frames: should be at most {longest} (the longest training clip), got {settings.frames}"
             )
-        self.probabilities = lengths[self.long_enough] / lengths[self.long_enough].sum()
+        self.probabilities = self.lengths[self.long_enough] / self.lengths[self.long_enough].sum()
 
-    def sample_batch(self, batch: int, step: int) -> list[Window]:
+    def sample_batch(self, batch: int, step: int) -> Batch:
         """Sample the batch of a step (from 1). All processes sample the same batch and take their own rows.
 
-        Raises InputError for more than one whole clip.
+        Raises InputError for more than one whole recording.
         """
         if self.settings.frames is not None:
             chosen = self.rng.choice(self.long_enough, batch, p=self.probabilities)
@@ -84,47 +97,30 @@ class WindowSampler:
             chosen = np.random.default_rng((self.seed, epoch)).permutation(self.long_enough)[[place]]
         else:
             raise InputError(f"loop.batch: should be 1 for whole clips (windows.frames=null), got {batch}")
-        return distributed.local_rows([self._sample_window(int(index)) for index in chosen])
+        ranges = distributed.local_rows([(int(index), self._sample_range(int(index))) for index in chosen])
+        return self.collate([Window(self.recordings[index], frames, mirror) for index, (frames, mirror) in ranges])
 
-    def _sample_window(self, index: int) -> Window:
-        length = self.settings.frames or int(self.frames[index])
-        start = int(self.rng.integers(self.frames[index] - length + 1))
-        mirrored = self.settings.mirror and self.rng.random() < 0.5
-        return Window(index, slice(start, start + length), mirrored)
+    def _sample_range(self, index: int) -> tuple[slice, bool]:
+        length = self.settings.frames or int(self.lengths[index])
+        start = int(self.rng.integers(self.lengths[index] - length + 1))
+        return slice(start, start + length), self.settings.mirror and self.rng.random() < 0.5
 
 
-class MotionWindowDataset:
-    """Samples batches from recordings of head and gaze, with their conditioning inputs."""
-
-    def __init__(
-        self,
-        recordings: Sequence[Recording],
-        settings: WindowSettings,
-        seed: int,
-        conditioning_provider: ConditioningProvider | None = None,
-    ) -> None:
-        self.recordings, self.conditioning_provider = recordings, conditioning_provider
-        self.window_sampler = WindowSampler(np.array([len(recording) for recording in recordings]), settings, seed)
-        self.rng = self.window_sampler.rng
-
-    def sample_batch(self, batch: int, step: int) -> MotionBatch:
-        """Sample the batch of a step (from 1)."""
-        windows = self.window_sampler.sample_batch(batch, step)
-        speech, head, gaze = zip(*map(self._slice_window, windows), strict=True)
-        conditioning = (
-            collate_inputs([self._conditioning(self.conditioning_provider, each) for each in windows])
-            if self.conditioning_provider
-            else NO_CONDITIONING
+def motion_batch(
+    conditioning_provider: ConditioningProvider | None, windows: Sequence[Window[Recording]]
+) -> MotionBatch:
+    """Windows of head and gaze with their speech and conditioning inputs."""
+    rows = zip(*map(_read_motion, windows), strict=True)
+    speech, head, gaze = (torch.from_numpy(np.stack(part)) for part in rows)
+    conditioning = NO_CONDITIONING
+    if conditioning_provider:
+        conditioning = collate_inputs(
+            [conditioning_provider.window(each.recording.clip, each.frames, each.mirrored) for each in windows]
         )
-        parts = [torch.from_numpy(np.stack(part)) for part in (speech, head, gaze)]
-        return MotionBatch(parts[0], parts[1], parts[2], conditioning)
+    return MotionBatch(speech, head, gaze, conditioning)
 
-    def _conditioning(self, conditioning_provider: ConditioningProvider, window: Window) -> WindowInputs:
-        return conditioning_provider.window(self.recordings[window.index].clip, window.frames, window.mirrored)
 
-    def _slice_window(self, window: Window) -> tuple[ndarray, ...]:
-        recording, part = self.recordings[window.index], window.frames
-        head, gaze = recording.head[part], recording.gaze[part]
-        if window.mirrored:
-            head, gaze = mirror_motion(head, gaze)
-        return np.asarray(recording.speech[part]), head, gaze
+def _read_motion(window: Window[Recording]) -> tuple[ndarray, ndarray, ndarray]:
+    recording, part = window.recording, window.frames
+    head, gaze = recording.head[part], recording.gaze[part]
+    return np.asarray(recording.speech[part]), *(mirror_motion(head, gaze) if window.mirrored else (head, gaze))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from talkingeyes.apps.study.design import Design
 from talkingeyes.apps.study.results import ALL_STRATA, Preference
+from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 
 
 def table(design: Design, found: Sequence[Preference]) -> str:
@@ -18,7 +19,7 @@ def table(design: Design, found: Sequence[Preference]) -> str:
         "lengths": _lengths,
     }
     header, *rows = layouts[design.layout](design, by_key)
-    return "\n".join(_line(row) for row in (header, ["---"] * len(header), *rows)) + "\n"
+    return markdown_table(header, rows) + "\n"
 
 
 def format_p_value(value: float) -> str:
@@ -94,7 +95,3 @@ def _lengths(design: Design, by_key: Mapping[tuple[str, str, str, str], Preferen
 
 def _title(design: Design, a: str, b: str) -> str:
     return f"{design.conditions[a].label} vs. {design.conditions[b].label}"
-
-
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"

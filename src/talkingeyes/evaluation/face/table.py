@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, markdown_row
+from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, markdown_table
 
 # {metric: {value, low, high}} of one row and split; over seeds also {seed_min, seed_max}.
 MetricEstimates = Mapping[str, Mapping[str, float]]
@@ -87,19 +87,19 @@ def face_markdown(rows: Mapping[str, Mapping[str, Any]]) -> str:
         if not here:
             continue
         lines += [f"### {title}", ""]
-        lines += _table(here, ERROR_COLUMNS, with_paper=True)
-        lines += ["", *_table(here, ARTICULATION_COLUMNS, with_paper=False), ""]
+        lines += [_table(here, ERROR_COLUMNS, with_paper=True), ""]
+        lines += [_table(here, ARTICULATION_COLUMNS, with_paper=False), ""]
     return "\n".join(lines)
 
 
-def _table(rows: Mapping[str, MetricEstimates], columns: Sequence[Column], with_paper: bool) -> list[str]:
+def _table(rows: Mapping[str, MetricEstimates], columns: Sequence[Column], with_paper: bool) -> str:
     headings = ["", *(column.heading for column in columns)]
     headings += [f"paper: {', '.join(PAPER_COLUMNS)}"] * with_paper
-    lines = [markdown_row(headings), markdown_row(["---"] * len(headings))]
+    lines = []
     for name in [*(known for known in TITLES if known in rows), *sorted(set(rows) - set(TITLES))]:
         cells = [_written(rows[name].get(column.metric), column.digits) for column in columns]
-        lines.append(markdown_row([TITLES.get(name, name), *cells, *[_of_paper(name)] * with_paper]))
-    return lines
+        lines.append([TITLES.get(name, name), *cells, *[_of_paper(name)] * with_paper])
+    return markdown_table(headings, lines)
 
 
 def _written(found: Mapping[str, float] | None, digits: int) -> str:

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
+
 TITLES = {
     "classifier": "true motion (test)",
     "head_mean": "Mean",
@@ -67,8 +69,7 @@ def _at(seeds: Sequence[Seed], *path: str | int, digits: int = 2) -> str:
 
 
 def _lines(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [f"### {title}", "", "| " + " | ".join(head) + " |", "|" + " --- |" * len(head)]
-    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
+    return f"### {title}\n\n{markdown_table(head, rows)}"
 
 
 def _table1(seeds: Sequence[Seed]) -> str:

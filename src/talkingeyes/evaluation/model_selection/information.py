@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, bootstrap, ratio_statistic
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_row
+from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 
 PARTS = ("head", "gaze")
 COLUMNS = ("total", *PARTS)
@@ -75,12 +75,12 @@ def information_table(rows: Mapping[str, Mapping[str, Any]], titles: Mapping[str
     """
     splits = list(next(iter(rows.values())))
     headings = ["", *(f"{split}: {column}" for split in splits for column in COLUMNS), f"{splits[-1]}: another sound"]
-    lines = [markdown_row(headings), markdown_row(["---"] * len(headings))]
+    lines = []
     for name, row in rows.items():
         cells = [_cell(row[split]["own"].get(column)) for split in splits for column in COLUMNS]
         other = row[splits[-1]].get("other", {}).get("total")
-        lines.append(markdown_row([titles.get(name, name), *cells, _cell(other)]))
-    return "\n".join(lines)
+        lines.append([titles.get(name, name), *cells, _cell(other)])
+    return markdown_table(headings, lines)
 
 
 def _cell(estimate: Mapping[str, float] | None) -> str:

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from talkingeyes.evaluation.benchmark.comparison import MetricResult
-from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, TITLES, MethodMetrics, markdown_row, metric
+from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, TITLES, MethodMetrics, markdown_table, metric
 
 # Margins as (title, part, metric, lowest, highest); ratios to the truth.
 MARGINS = (
@@ -134,22 +134,20 @@ def to_json(found: Mapping[str, Sequence[Requirement]]) -> dict[str, list[dict[s
 
 def requirements_table(found: Sequence[Requirement]) -> str:
     """Markdown table of requirements: name, bounds, value, whether it is met."""
-    lines = [markdown_row(["requirement", "bounds", "value", ""]), markdown_row(["---"] * 4)]
+    rows = []
     for each in found:
         state = "met" if each.is_met else "not measured" if each.value is None else f"**off by {each.deviation:+.3g}**"
-        lines.append(markdown_row([each.name, each.bounds, "" if each.value is None else f"{each.value:.3g}", state]))
-    return "\n".join(lines)
+        rows.append([each.name, each.bounds, "" if each.value is None else f"{each.value:.3g}", state])
+    return markdown_table(["requirement", "bounds", "value", ""], rows)
 
 
 def model_requirements_table(found: Mapping[str, Sequence[Requirement]]) -> str:
     """Markdown table of the requirements of all rows; bold: missed. The last line counts those met."""
     columns = list(found.values())
     headings = ["requirement", "bounds", *(TITLES.get(name, name) for name in found)]
-    lines = [markdown_row(headings), markdown_row(["---"] * len(headings))]
-    for line in zip(*columns, strict=True):
-        lines.append(markdown_row([line[0].name, line[0].bounds, *map(_cell, line)]))
-    lines.append(markdown_row(["**met**", f"{len(columns[0])}", *(str(count_met(column)) for column in columns)]))
-    return "\n".join(lines)
+    rows = [[line[0].name, line[0].bounds, *map(_cell, line)] for line in zip(*columns, strict=True)]
+    met_row = ["**met**", f"{len(columns[0])}", *(str(count_met(column)) for column in columns)]
+    return markdown_table(headings, [*rows, met_row])
 
 
 def count_met(found: Sequence[Requirement]) -> int:

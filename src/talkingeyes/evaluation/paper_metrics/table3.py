@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -95,9 +95,8 @@ def markdown(rows: Mapping[str, MethodMetrics]) -> str:
         for part, columns in COLUMNS.items():
             lines += [f"### {title}: {'eyes' if part == 'gaze' else 'head'}", ""]
             headings = ["", *(column.heading for column in columns), "paper: Div., Corr., L2"]
-            lines += [markdown_row(headings), markdown_row(["---"] * len(headings))]
-            lines += [markdown_row(_cells(name, rows[name], split, part)) for name in order_rows(rows)]
-            lines.append("")
+            cells = [_cells(name, rows[name], split, part) for name in order_rows(rows)]
+            lines += [markdown_table(headings, cells), ""]
     return "\n".join(lines)
 
 
@@ -140,13 +139,18 @@ def markdown_row(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
+def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table."""
+    return "\n".join(map(markdown_row, [headings, ["---"] * len(headings), *rows]))
+
+
 def critic_table(report: Mapping[str, Any]) -> str:
     """Markdown table of the scores of the critics, from critic/report.json."""
     names = ("auc_same_speaker", "auc_all", "corr_truth", "corr_shuffled", "corr_constant")
     headings = ["critic", "split", "AUC, same speaker", "AUC, all", "Corr. of truth", "shuffled", "constant"]
-    lines = [markdown_row(headings), markdown_row(["---"] * len(headings))]
+    rows = []
     for part, groups in report.items():
         for group, verdict in groups.items():
             cells = [_written(verdict[name], 3) if verdict[name] else "" for name in names]
-            lines.append(markdown_row([part, group.replace("_", " "), *cells]))
-    return "\n".join(lines)
+            rows.append([part, group.replace("_", " "), *cells])
+    return markdown_table(headings, rows)

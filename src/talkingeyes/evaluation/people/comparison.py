@@ -13,6 +13,7 @@ import numpy as np
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate
+from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.evaluation.people.distance import (
     MIN_SPEAKERS,
     measure_distance,
@@ -173,5 +174,4 @@ def as_text(content: Content) -> str:
 def as_markdown(content: Content, state: str) -> str:
     """The table of one state in Markdown."""
     heading, *lines = state_table(content, state)
-    rule = ["---"] * len(heading)
-    return "\n".join(f"| {' | '.join(line)} |" for line in [heading, rule, *lines])
+    return markdown_table(heading, lines)

@@ -17,6 +17,7 @@ from torch import Tensor, nn
 
 from talkingeyes.core.settings import ComponentRegistry, ComponentSettings
 from talkingeyes.models.face.basis import JAW_DIM
+from talkingeyes.models.layers.freezing import FreezableModule
 from talkingeyes.models.layers.normaliser import MotionNormaliser
 from talkingeyes.models.layers.window_transformer import WindowTransformer, WindowTransformerSettings
 
@@ -69,7 +70,7 @@ class FaceAutoencoder(Protocol):
         """Normalised faces."""
         ...
 
-    def freeze(self) -> None:
+    def freeze(self) -> FaceAutoencoder:
         """Freeze all weights while stage 2 is trained."""
         ...
 
@@ -126,23 +127,12 @@ class EncoderDecoder(nn.Module):
         return self.normal.denormalise(self.out(self.decoder(values)))
 
 
-class FaceAutoencoderBase(nn.Module):
+class FaceAutoencoderBase(FreezableModule):
     """Base class of both kinds of autoencoder."""
 
     def __init__(self, settings: FaceAutoencoderSettings, face_dim: int, encoder_dim: int) -> None:
         super().__init__()
         self.encoder_decoder = EncoderDecoder(settings, face_dim, encoder_dim)
-        self.frozen = False
-
-    def freeze(self) -> None:
-        """Freeze all weights while stage 2 is trained."""
-        self.frozen = True
-        self.requires_grad_(False)
-        self.eval()
-
-    def train(self, mode: bool = True) -> FaceAutoencoderBase:
-        """Set training mode; a frozen autoencoder stays in evaluation mode."""
-        return super().train(mode and not self.frozen)
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
         """Set mean and scale of faces."""
@@ -152,6 +142,10 @@ class FaceAutoencoderBase(nn.Module):
         """Normalised faces."""
         out: Tensor = self.encoder_decoder.normal(face)
         return out
+
+    def decode(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T F"]:
+        """The face decoded from latents."""
+        return self.encoder_decoder.decode(values)
 
 
 def reconstruction(predicted: Float[Tensor, "B T F"], true: Float[Tensor, "B T F"]) -> dict[str, Tensor]:

@@ -62,9 +62,9 @@ class RegressionFace(nn.Module):
     def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
         """L1 of expression and jaw, and for comparison the loss of copying the last frame."""
         true = self.normal(face)
-        first = shift_right(true, torch.zeros_like(true[:, :1]))
+        first = shift_right(true)
         with torch.no_grad():
-            own = shift_right(self.decoder(speech, first), first[:, :1])
+            own = shift_right(self.decoder(speech, first))
         predicted = self.decoder(speech, mix_history(first, own, self.settings.own_history_fraction))
         copied = reconstruction(first, true)["expression"]
         return {**reconstruction(predicted, true), "copy_last_frame": copied.detach()}

@@ -75,4 +75,4 @@ class AutoregressiveCodesFace(nn.Module):
 
     def _history(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T L"]:
         """Code values before each frame, in units of the latents."""
-        return shift_right(values.detach() / self.tokenizer.latent_scale, torch.zeros_like(values[:, :1]))
+        return shift_right(values.detach() / self.tokenizer.latent_scale)

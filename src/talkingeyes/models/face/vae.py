@@ -60,10 +60,6 @@ class FaceVAE(FaceAutoencoderBase):
         gaussian = _gaussian(latents)
         return gaussian.mean + temperature * (0.5 * gaussian.log_variance).exp() * noise.to(latents)
 
-    def decode(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T F"]:
-        """The decoded face."""
-        return self.encoder_decoder.decode(values)
-
 
 def _gaussian(encoder_output: Float[Tensor, "B T Z"]) -> DiagonalGaussian:
     mean, log_variance = encoder_output.float().chunk(2, dim=-1)

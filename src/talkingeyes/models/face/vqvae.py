@@ -117,10 +117,6 @@ class FaceVQVAE(FaceAutoencoderBase):
         gumbel = normal_to_gumbel(noise.to(logits)).reshape(len(noise), -1, logits.shape[-1])
         return (logits + gumbel).argmax(-1)
 
-    def decode(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T F"]:
-        """The face decoded from code values."""
-        return self.encoder_decoder.decode(values)
-
     def _split_codes(self, latents: Float[Tensor, "B T L"]) -> Float[Tensor, "B N C"]:
         return split_codes(latents, self.settings.layout, self.settings.quantiser.width)
 

@@ -31,7 +31,12 @@ from talkingeyes.models.gaze.history import (
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.categorical_sampling import sample_categorical
 from talkingeyes.models.layers.quantiser_factory import AnyQuantiser
-from talkingeyes.models.layers.transformer import CausalTransformer, CrossAttentionWindow, TransformerSettings
+from talkingeyes.models.layers.transformer import (
+    CausalTransformer,
+    CrossAttentionWindow,
+    TransformerSettings,
+    shift_right,
+)
 
 
 class RegressionGazeSettings(ComponentSettings):
@@ -86,7 +91,7 @@ class RegressionGaze(nn.Module):
         """Losses of the predicted frames. `copy_last_frame` is the loss of repeating the last true frame, for
         comparison."""
         true = self._normal(to_signal_tensor(self.codebook.settings.signal, condition.head, gaze))
-        past, memory, history = _previous(true), self._memory(condition), self.settings.history
+        past, memory, history = shift_right(true), self._memory(condition), self.settings.history
         if self.training and isinstance(history, FreeRunning):
             made = self._free_run(memory, lambda features, _: self._nearest(features), history.truncation_frames)
         else:
@@ -131,7 +136,7 @@ class RegressionGaze(nn.Module):
             return past + history.sigma * torch.randn_like(past)
         if isinstance(history, ScheduledSampling):
             with torch.no_grad():
-                own = _previous(self._normal(self._predict(past, memory).signal))
+                own = shift_right(self._normal(self._predict(past, memory).signal))
             return torch.where(replacement_mask(history, self.trained_steps, past)[..., None], own, past)
         return past
 
@@ -174,11 +179,6 @@ class RegressionGaze(nn.Module):
     def _memory(self, condition: GazeCondition) -> Float[Tensor, "B T W"]:
         out: Tensor = self.condition(torch.cat([condition.speech, condition.normalised_head], dim=-1))
         return out
-
-
-def _previous(true: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
-    """The frame before each frame; the mean before the first."""
-    return torch.cat([torch.zeros_like(true[:, :1]), true[:, :-1]], dim=1)
 
 
 def sample_code_values(

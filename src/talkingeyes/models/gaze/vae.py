@@ -9,7 +9,6 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from talkingeyes.core.settings import ComponentSettings
-from talkingeyes.models import losses
 from talkingeyes.models.gaze.generator import GazeCondition
 from talkingeyes.models.gaze.saccade_rendering import SEED_OFFSET
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
@@ -43,23 +42,19 @@ class VAEGaze(nn.Module):
 
     def loss_terms(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """Eq. 11 to 13 for gaze."""
-        true = (gaze.flatten(2) - self.mean) / self.scale
         given = torch.cat([condition.speech, condition.normalised_head], dim=-1)
-        posterior = self.vae.encode(true, given)
-        predicted = self.vae.decode(posterior.rsample(), given)
+        found = self.vae.reconstruct((gaze.flatten(2) - self.mean) / self.scale, given)
         return {
-            "gaze_reconstruction": losses.reconstruction(predicted, true),
-            "gaze_velocity": losses.velocity(predicted, true),
-            "gaze_kl": self.vae.kl_loss(posterior),
+            "gaze_reconstruction": found.reconstruction,
+            "gaze_velocity": found.velocity,
+            "gaze_kl": found.kl,
         }
 
     @torch.no_grad()
     def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Sample gaze with codes from N(0, temperature^2 I)."""
         given = torch.cat([condition.speech, condition.normalised_head], dim=-1)
-        shape = (self.vae.latent_count(given.shape[1]), self.vae.settings.latent)
         generators = [torch.Generator().manual_seed(seed + SEED_OFFSET) for seed in seeds]
-        codes = temperature * torch.stack([torch.randn(shape, generator=each) for each in generators])
-        signal = self.vae.decode(codes.to(given), given) * self.scale + self.mean
+        signal = self.vae.sample(given, generators, temperature) * self.scale + self.mean
         gaze: Tensor = signal.unflatten(-1, (2, 3))
         return gaze

@@ -20,6 +20,7 @@ from torch import Tensor, nn
 
 from talkingeyes.core.settings import Settings
 from talkingeyes.models.gaze.gaze_signal import SIGNAL_DIMS, SignalName
+from talkingeyes.models.layers.freezing import FreezableModule
 from talkingeyes.models.layers.quantiser import QuantiserOutput
 from talkingeyes.models.layers.quantiser_factory import AnyQuantiserSettings, make_quantiser
 from talkingeyes.models.layers.transformer import Cache, CausalTransformer, TransformerSettings
@@ -50,9 +51,9 @@ class Reconstruction:
     quantised: QuantiserOutput
 
 
-class GazeVQVAE(nn.Module):
-    """E_VQ, Q and D_VQ over signals in radians. Normalised internally unless the norm is in radians: one mean per
-    dimension, one scale for all."""
+class GazeVQVAE(FreezableModule):
+    """E_VQ, Q and D_VQ over signals in radians, frozen while the gaze generator is trained (section IV-D). Normalised
+    internally unless the norm is in radians: one mean per dimension, one scale for all."""
 
     mean: Tensor
     scale: Tensor
@@ -71,18 +72,6 @@ class GazeVQVAE(nn.Module):
         self.stay = nn.Parameter(torch.zeros(settings.quantiser.width))
         self.decoder = CausalTransformer(settings.decoder)
         self.out = nn.Linear(settings.decoder.width, numbers)
-        self.frozen = False
-
-    def freeze(self) -> GazeVQVAE:
-        """Freeze weights and codebook while another network is trained (section IV-D)."""
-        self.frozen = True
-        self.requires_grad_(False)
-        return self.eval()
-
-    def train(self, mode: bool = True) -> GazeVQVAE:
-        """Set training mode; a frozen codebook stays in evaluation mode."""
-        super().train(mode and not self.frozen)
-        return self
 
     @property
     def stay_tolerance_rad(self) -> float | None:

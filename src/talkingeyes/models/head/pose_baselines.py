@@ -28,9 +28,6 @@ class MeanPose(nn.Module):
     def __init__(self, settings: PoseBaselineSettings, speech: int, embedding: int) -> None:
         super().__init__()
 
-    def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """Do nothing: no training windows are needed."""
-
     def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
         """Distances of the mean from true poses; there are no parameters to train."""
         return _distances(torch.zeros_like(pose), pose)

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction, TrainingWindows
+from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction
 from talkingeyes.models.layers.convolution import ConvolutionStack
 
 
@@ -37,9 +37,6 @@ class CNNPose(nn.Module):
         super().__init__()
         self.stack = ConvolutionStack(speech, settings.width, settings.layers, settings.dropout)
         self.out = nn.Linear(settings.width, 6)
-
-    def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """Do nothing: no training windows are needed."""
 
     def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
         """Pose and motion distances (eq. 3 without the initial pose)."""

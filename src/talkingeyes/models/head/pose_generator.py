@@ -11,7 +11,7 @@ Poses are normalised by the train split: centred, and each dimension divided by 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
@@ -31,7 +31,7 @@ POSE_GENERATORS = ComponentRegistry(
         "vqvae": "talkingeyes.models.head.pose_vqvae:VQVAEPose",
         "posegan": "talkingeyes.models.head.posegan:PoseGAN",
     },
-    ("set_training_windows", "predict", "sample"),
+    ("predict", "sample"),
 )
 PoseComponentSettings = Annotated[SerializeAsAny[ComponentSettings], BeforeValidator(POSE_GENERATORS.parse)]
 
@@ -69,10 +69,6 @@ class PoseGenerator(Protocol):
     # Frames generated at once, each window starting at the last pose of the one before; None: any number.
     window: int | None
 
-    def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """Set the training windows that the generator retrieves from; most generators ignore them."""
-        ...
-
     def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
         """Prediction and named loss terms for true poses given their speech."""
         ...
@@ -81,6 +77,15 @@ class PoseGenerator(Protocol):
         self, inputs: PoseInputs, start: Float[Tensor, "B 6"], generators: list[torch.Generator]
     ) -> Float[Tensor, "B T 6"]:
         """Sample poses, one random generator per row. A row does not depend on the rest of the batch."""
+        ...
+
+
+@runtime_checkable
+class RetrievingPoseGenerator(Protocol):
+    """Further member of a generator that retrieves windows of the train split."""
+
+    def set_training_windows(self, training_windows: TrainingWindows) -> None:
+        """Store the windows."""
         ...
 
 

@@ -7,8 +7,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from talkingeyes.core.settings import ComponentSettings
-from talkingeyes.models import losses
-from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction, TrainingWindows
+from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction
 from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
 
 
@@ -26,24 +25,13 @@ class VAEPose(nn.Module):
         super().__init__()
         self.vae = ConditionalVAE(settings, 6, speech)
 
-    def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """Do nothing: no training windows are needed."""
-
     def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
         """Reconstruct true poses given their speech."""
-        posterior = self.vae.encode(pose, inputs.features)
-        generated = self.vae.decode(posterior.rsample(), inputs.features)
-        loss_terms = {
-            "pose": losses.reconstruction(generated, pose),
-            "motion": losses.velocity(generated, pose),
-            "kl": self.vae.kl_loss(posterior),
-        }
-        return PosePrediction(generated, loss_terms)
+        found = self.vae.reconstruct(pose, inputs.features)
+        return PosePrediction(found.motion, {"pose": found.reconstruction, "motion": found.velocity, "kl": found.kl})
 
     def sample(
         self, inputs: PoseInputs, start: Float[Tensor, "B 6"], generators: list[torch.Generator]
     ) -> Float[Tensor, "B T 6"]:
         """Poses decoded from sampled codes."""
-        shape = (self.vae.latent_count(inputs.features.shape[1]), self.vae.settings.latent)
-        codes = torch.stack([torch.randn(shape, generator=each) for each in generators])
-        return self.vae.decode(codes.to(inputs.features), inputs.features)
+        return self.vae.sample(inputs.features, generators)

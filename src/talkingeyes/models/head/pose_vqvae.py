@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction, TrainingWindows
+from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction
 from talkingeyes.models.layers.convolution import ConvolutionStack
 from talkingeyes.models.layers.quantiser_factory import AnyQuantiserSettings, make_quantiser
 from talkingeyes.models.layers.transformer import CausalTransformer, TransformerSettings, shift_right
@@ -55,9 +55,6 @@ class VQVAEPose(nn.Module):
         self.from_speech = nn.Linear(speech, hidden)
         self.transformer = CausalTransformer(settings.transformer)
         self.scores = nn.Linear(hidden, settings.quantiser.codes)
-
-    def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """Do nothing: no training windows are needed."""
 
     def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T P"]) -> PosePrediction:
         """Reconstruct through the codebook, and predict each code from the codes before it."""

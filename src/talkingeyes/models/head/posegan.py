@@ -22,7 +22,7 @@ from torch.nn import functional
 
 from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction, TrainingWindows
+from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction
 from talkingeyes.models.layers.convolution import ConvolutionStack
 
 GROUPS = 8
@@ -61,9 +61,6 @@ class PoseGAN(nn.Module):
         self.out = nn.Linear(width, 6)
         self.gain = nn.Linear(speech, 6)
         self.pose_projection = nn.Linear(6, 6)
-
-    def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """Do nothing: no training windows are needed."""
 
     def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
         """Losses of eq. 3, with the first true frame as the initial pose."""

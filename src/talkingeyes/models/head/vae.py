@@ -37,18 +37,15 @@ class VAEHead(nn.Module):
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
         """Reconstruct true motion given its speech (training)."""
-        true = self.normal(head)
-        posterior = self.vae.encode(true, speech)
-        predicted = self.vae.decode(posterior.rsample(), speech)
+        found = self.vae.reconstruct(self.normal(head), speech, self.norm)
         loss_terms = {
-            "head_reconstruction": losses.reconstruction(predicted, true, self.norm),
-            "head_velocity": losses.velocity(predicted, true, self.norm),
-            "head_kl": losses.sum_if_printed(self.vae.kl_loss(posterior), posterior.mean, self.norm),
+            "head_reconstruction": found.reconstruction,
+            "head_velocity": found.velocity,
+            "head_kl": found.kl,
         }
-        return HeadPrediction(self.normal.denormalise(predicted), loss_terms)
+        return HeadPrediction(self.normal.denormalise(found.motion), loss_terms)
 
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
         """Sample head motion with codes from N(0, I), one seed per row."""
-        shape = (self.vae.latent_count(speech.shape[1]), self.vae.settings.latent)
-        codes = torch.stack([torch.randn(shape, generator=torch.Generator().manual_seed(seed)) for seed in seeds])
-        return self.normal.denormalise(self.vae.decode(codes.to(speech), speech))
+        generators = [torch.Generator().manual_seed(seed) for seed in seeds]
+        return self.normal.denormalise(self.vae.sample(speech, generators))

@@ -8,6 +8,7 @@ longer speech.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -17,6 +18,7 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.core.settings import Settings
+from talkingeyes.models import losses
 from talkingeyes.models.layers.convolution import ConvolutionStack
 from talkingeyes.models.layers.kl import KLSettings, annealing_weight, free_bits_kl
 
@@ -57,6 +59,16 @@ class DiagonalGaussian:
         return -0.5 * (1 + self.log_variance - self.log_variance.exp() - self.mean.square())
 
 
+@dataclass(frozen=True)
+class VAEReconstruction:
+    """A motion decoded from a sample of its posterior, and its losses (eq. 11 to 13)."""
+
+    motion: Float[Tensor, "B T F"]
+    reconstruction: Float[Tensor, ""]
+    velocity: Float[Tensor, ""]
+    kl: Float[Tensor, ""]
+
+
 class ConditionalVAE(nn.Module):
     """E_VAE and D_VAE of eq. 8 for a standardised motion of `features` numbers per frame."""
 
@@ -88,6 +100,30 @@ class ConditionalVAE(nn.Module):
         return annealing_weight(kl.annealing, self.trained_steps) * free_bits_kl(
             posterior.divergence_per_dim(), kl.free_bits
         )
+
+    def reconstruct(
+        self,
+        motion: Float[Tensor, "B T F"],
+        condition: Float[Tensor, "B T C"],
+        norm: losses.Norm = "standardised_mean",
+    ) -> VAEReconstruction:
+        """Reconstruct a true motion given its condition (training)."""
+        posterior = self.encode(motion, condition)
+        decoded = self.decode(posterior.rsample(), condition)
+        return VAEReconstruction(
+            decoded,
+            losses.reconstruction(decoded, motion, norm),
+            losses.velocity(decoded, motion, norm),
+            losses.sum_if_printed(self.kl_loss(posterior), posterior.mean, norm),
+        )
+
+    def sample(
+        self, condition: Float[Tensor, "B T C"], generators: Sequence[torch.Generator], temperature: float = 1.0
+    ) -> Float[Tensor, "B T F"]:
+        """Motion decoded from codes from N(0, temperature^2 I), one random generator per row."""
+        shape = (self.latent_count(condition.shape[1]), self.settings.latent)
+        codes = temperature * torch.stack([torch.randn(shape, generator=each) for each in generators])
+        return self.decode(codes.to(condition), condition)
 
     def decode(self, codes: Float[Tensor, "B N Z"], condition: Float[Tensor, "B T C"]) -> Float[Tensor, "B T F"]:
         """Motion decoded from codes and a condition."""

@@ -144,6 +144,16 @@ def squared_distances(latents: Float[Tensor, "*N C"], codebook: Float[Tensor, "K
     return squares - 2 * latents @ codebook.T
 
 
+def code_figures(counts: Float[Tensor, " K"]) -> dict[str, float]:
+    """Number and fraction of used codes, and perplexity."""
+    used = int((counts > 0).sum())
+    return {
+        "codes_used": float(used),
+        "codes_used_fraction": used / len(counts),
+        "perplexity": perplexity(counts),
+    }
+
+
 def perplexity(counts: Float[Tensor, " K"]) -> float:
     """exp of the entropy of code use. It depends on the number of counted codes, so report it with the number of used
     codes."""

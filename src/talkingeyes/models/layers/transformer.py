@@ -131,6 +131,6 @@ class CausalTransformer(nn.Module):
         return out
 
 
-def shift_right(x: Float[Tensor, "B T W"], start: Float[Tensor, "B 1 W"]) -> Float[Tensor, "B T W"]:
-    """Shift by one position: the start, then all but the last."""
-    return torch.cat([start, x[:, :-1]], dim=1)
+def shift_right(x: Float[Tensor, "B T W"], start: Float[Tensor, "B 1 W"] | None = None) -> Float[Tensor, "B T W"]:
+    """Shift by one position: the start (None: zeros), then all but the last."""
+    return torch.cat([torch.zeros_like(x[:, :1]) if start is None else start, x[:, :-1]], dim=1)
