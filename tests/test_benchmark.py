@@ -243,7 +243,7 @@ def test_takes_are_compared_with_each_other():
 
 
 def test_the_page_is_fresh(repository):
-    assert (repository / "docs" / "benchmark.md").read_text() == page()
+    assert (repository / "docs" / "benchmark.md").read_text() == page(repository / "docs")
     assert (repository / "docs" / "benchmark_metrics.csv").read_text() == metrics_csv()
 
 

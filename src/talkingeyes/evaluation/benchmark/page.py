@@ -1,6 +1,7 @@
 """Writes docs/benchmark.md and docs/benchmark_metrics.csv from the descriptions of the metrics.
 
 Run     python -m talkingeyes.evaluation.benchmark.page docs
+Reads   docs/sensitivity_doses.csv (benchmarks/sensitivity.py): which metrics detect a corruption of true motion
 """
 
 from __future__ import annotations
@@ -53,14 +54,15 @@ how accurate the detectors are and what recorded people give.
 ## Metrics
 
 Gaze in space is R(head) R(eye), the mean direction of both eyes. Saccades are detected in it, by a method that depends
-on the frame rate. The partner is the densest location of gaze, with a radius of 4 degrees. "Better" is `closer to
-truth`, `lower` or `higher`. SD is the standard deviation.
+on the frame rate. The partner is the densest location of gaze, with a radius of 4 degrees. "Better" is `closer` to the
+truth, `lower` or `higher`. SD is the standard deviation. † detects no corruption of true motion, ‡ was not tested on
+any ([sensitivity.md](sensitivity.md)).
 
 [benchmark_metrics.csv](benchmark_metrics.csv) has the formula of each metric, the minimum count below which there is no
 value, the data it needs, whether it depends on the frame rate, its source, and a caveat to read before you use it.
 
-| metric | unit | better |
-| --- | --- | --- |
+|metric|unit|better|
+|---|---|---|
 """
 FAMILIES = {
     "saccades": "Saccades",
@@ -94,6 +96,7 @@ of models have no lids, so blinks are only measured for `truth`, `fitted` and th
 
 
 BETTER = {CLOSER: "closer to truth"}
+BLIND, UNTESTED = "†", "‡"
 CSV_COLUMNS = (
     "metric",
     "title",
@@ -108,16 +111,22 @@ CSV_COLUMNS = (
 )
 
 
-def page() -> str:
-    """The Markdown page."""
+def page(docs: Path) -> str:
+    """The Markdown page; `docs` has the smallest doses that the metrics detect."""
+    doses = _smallest_doses(docs / "sensitivity_doses.csv")
     lines = []
     for family, metrics in groupby(_sorted(), key=_family):
-        lines.append(f"| **{FAMILIES[family]}** | | |")
-        lines += [
-            f"| `{each.name}` {each.title} | {each.unit or '-'} | {BETTER.get(each.direction, each.direction)} |"
-            for each in metrics
-        ]
+        lines.append(f"|**{FAMILIES[family]}**|||")
+        for each in metrics:
+            mark = UNTESTED if each.name not in doses else "" if any(doses[each.name]) else BLIND
+            lines.append(f"|`{each.name}` {each.title}{mark}|{each.unit or '-'}|{each.direction}|")
     return INTRODUCTION + "\n".join([*lines, END])
+
+
+def _smallest_doses(path: Path) -> dict[str, list[str]]:
+    """The line of each metric; all empty where it detects nothing."""
+    with path.open(newline="") as file:
+        return {name: doses for name, *doses in csv.reader(file)}
 
 
 def metrics_csv() -> str:
@@ -153,5 +162,6 @@ def _cells(metric: Metric) -> list[str]:
 
 
 if __name__ == "__main__":
-    for name, text in (("benchmark.md", page()), ("benchmark_metrics.csv", metrics_csv())):
-        Path(sys.argv[1], name).write_text(text)
+    folder = Path(sys.argv[1])
+    for name, text in (("benchmark.md", page(folder)), ("benchmark_metrics.csv", metrics_csv())):
+        (folder / name).write_text(text)
