@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import replace
 
@@ -16,6 +17,7 @@ from talkingeyes.evaluation.benchmark import comparison as tallies
 from talkingeyes.evaluation.benchmark import partner_gaze
 from talkingeyes.evaluation.benchmark.behaviour import behaviour, with_references
 from talkingeyes.evaluation.benchmark.comparison import Accumulator, Comparison, bootstrap_weights, extract
+from talkingeyes.evaluation.benchmark.document import VERSION
 from talkingeyes.evaluation.benchmark.metric import Bins
 from talkingeyes.evaluation.benchmark.page import metrics_csv, page
 from talkingeyes.evaluation.benchmark.registry import METRICS
@@ -23,6 +25,23 @@ from talkingeyes.evaluation.benchmark.table import as_json, as_text, from_json, 
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, resample_indices
 from talkingeyes.physiology.saccades import peak_speed
 
+# Values of version 1 for the toy people: metrics, and averted frames around speech (too few for metrics).
+GOLDEN = {
+    "saccades/rate": 0.9222222,
+    "main_sequence/peak_speed_ratio": 0.995972,
+    "fixations/duration_median": 0.8935484,
+    "partner_gaze/fraction": 0.6176667,
+    "eye/range_yaw": 28.48318,
+    "head_eye/slope_yaw": -0.9917227,
+    "head_eye/head_lag": 0.5418796,
+    "blinks/duration_median": 0.2411905,
+    "blinks/at_shifts": 1.114918,
+    "blinks/at_phrase_ends": 1.051808,
+    "gaze_in_space/speed": 7.508088,
+    "eye/spectrum_slope": -2.520694,
+    "head/speech_speed_ratio": 0.9958583,
+}
+GOLDEN_TOTALS = {"onset.averted": 1888, "offset.averted": 1926}
 SETTINGS = BootstrapSettings(n_resamples=100, confidence_level=0.95, seed=0)
 COUNT = 60
 
@@ -65,6 +84,23 @@ def test_metric_names_are_unique_and_descriptions_complete():
     assert len({metric.name for metric in METRICS}) == len(METRICS) > 60
     for metric in METRICS:
         assert metric.formula and metric.source and metric.caveat and metric.min_count > 0, metric.name
+
+
+def test_the_version_changes_with_the_definitions():
+    """If this fails, raise document.VERSION (its comment says which part) and set the new hash here."""
+    definitions = [
+        (each.name, each.unit, each.formula, each.direction, each.min_count, each.count_key, each.rate_dependent)
+        for each in METRICS
+    ]
+    found = hashlib.sha256(json.dumps(definitions).encode()).hexdigest()[:12]
+    assert (VERSION, found) == ("1.0", "5274023ee41f")
+
+
+def test_the_version_changes_with_the_values(own, reference):
+    """If this fails, raise the first number of document.VERSION and set the new values here."""
+    assert VERSION.startswith("1.")
+    assert {name: own[name].value.value for name in GOLDEN} == pytest.approx(GOLDEN, rel=1e-4)
+    assert {name: reference.totals()[name].sum() for name in GOLDEN_TOTALS} == GOLDEN_TOTALS
 
 
 def test_truth_does_not_differ_from_itself(own):

@@ -12,6 +12,7 @@ import sys
 from itertools import groupby
 from pathlib import Path
 
+from talkingeyes.evaluation.benchmark.document import VERSION
 from talkingeyes.evaluation.benchmark.metric import CLOSER, Metric
 from talkingeyes.evaluation.benchmark.registry import METRICS
 
@@ -19,9 +20,9 @@ INTRODUCTION = """# The gaze benchmark
 
     talkingeyes evaluate MOTION_DIR --reference CORPUS [--sound DIR] [--evaluators DATA] [-o DIR]
 
-compares any motion with the true motion of a corpus. It prints a table and writes `benchmark.json`, `benchmark.csv` and
-`strip.png`. This page is written by `python -m talkingeyes.evaluation.benchmark.page docs`; a test checks that it is up
-to date.
+compares any motion with the true motion of a corpus ([evaluate.md](evaluate.md)). It prints a table and writes
+`benchmark.json`, `benchmark.csv` and `strip.png`. This page is of benchmark version {version}, written by
+`python -m talkingeyes.evaluation.benchmark.page docs`; a test checks that it is up to date.
 
 ## Input
 
@@ -120,7 +121,7 @@ def page(docs: Path) -> str:
         for each in metrics:
             mark = UNTESTED if each.name not in doses else "" if any(doses[each.name]) else BLIND
             lines.append(f"|`{each.name}` {each.title}{mark}|{each.unit or '-'}|{each.direction}|")
-    return INTRODUCTION + "\n".join([*lines, END])
+    return INTRODUCTION.format(version=VERSION) + "\n".join([*lines, END])
 
 
 def _smallest_doses(path: Path) -> dict[str, list[str]]:
