@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from toy_people import ANNOTATION, ToyPerson, people
 
+from pipelines.report import learnt_counts
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
@@ -19,10 +20,12 @@ from talkingeyes.evaluation.benchmark.behaviour import behaviour, with_reference
 from talkingeyes.evaluation.benchmark.comparison import Accumulator, Comparison, bootstrap_weights, extract
 from talkingeyes.evaluation.benchmark.document import VERSION
 from talkingeyes.evaluation.benchmark.metric import Bins
+from talkingeyes.evaluation.benchmark.metric_class import ORIGINS, class_of, code_of, count_learnt
 from talkingeyes.evaluation.benchmark.page import metrics_csv, page
 from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.benchmark.table import as_json, as_text, from_json, markdown, to_csv
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, resample_indices
+from talkingeyes.models.gaze.saccade_rendering import eyes_towards, render_saccades
 from talkingeyes.physiology.saccades import peak_speed
 
 # Values of version 1 for the toy people: metrics, and averted frames around speech (too few for metrics).
@@ -281,6 +284,49 @@ def test_takes_are_compared_with_each_other():
 def test_the_page_is_fresh(repository):
     assert (repository / "docs" / "benchmark.md").read_text() == page(repository / "docs")
     assert (repository / "docs" / "benchmark_metrics.csv").read_text() == metrics_csv()
+
+
+def test_classes_name_metrics_once():
+    named = [metric for origin in ORIGINS for metric in origin.metrics]
+    assert len(set(named)) == len(named)
+    assert set(named) <= {metric.name for metric in METRICS}
+    assert {class_of(metric.name) for metric in METRICS} == {"learnt", "corrected", "rule", "construction"}
+    assert (class_of("saccades/rate"), code_of("saccades/rate")) == ("learnt", "")
+
+
+def test_metrics_by_construction_hold_for_random_events():
+    """Locations and times without any structure, rendered as by the default model, under moving heads."""
+    rng = np.random.default_rng(0)
+    times_s = np.arange(300) / 25
+
+    def motion():
+        onsets = np.cumsum(rng.uniform(0.4, 1.5, (1, 8)), axis=1)
+        locations = np.append(rng.normal(0, 0.12, (1, 8, 2)), np.full((1, 8, 1), -0.06), axis=2)
+        signal = render_saccades(np.ones((1, 8), bool), onsets, locations, times_s)
+        phase = 2 * np.pi * (rng.uniform(0.2, 0.8, 3) * times_s[:, None] + rng.random(3))
+        head = 0.06 * np.sin(phase)[None]
+        return behaviour(25.0, {"head": head[0], "gaze": eyes_towards(head, signal)[0]})
+
+    made = [motion() for _ in range(60)]
+    found = {name: row.value.value for name, row in rows(made, counted(made)).items() if row.value}
+    assert found["main_sequence/peak_speed_ratio"] == pytest.approx(1.0, abs=0.05)
+    assert found["main_sequence/slope"] == pytest.approx(0.0, abs=0.05)
+    assert found["eye/torsion"] == pytest.approx(0.0, abs=1e-6)
+    assert found["eye/conjugacy"] > 0.95
+    assert found["head_eye/slope_yaw"] == pytest.approx(-1.0, abs=0.05)
+    assert found["head_eye/slope_pitch"] == pytest.approx(-1.0, abs=0.05)
+    assert found["head_eye/correlation"] < -0.95
+
+
+def test_learnt_metrics_are_counted(own, true, reference):
+    assert count_learnt(list(own.values())).worse == 0
+    still = [replace(each, gaze=np.zeros_like(each.gaze), head=np.zeros_like(each.head)) for each in true]
+    table = list(rows(still, reference).values())
+    found = count_learnt(table)
+    assert 0 < found.worse <= found.compared
+    compared = [row for row in table if row.worse is not None]
+    assert found.compared == sum(class_of(row.metric.name) == "learnt" for row in compared) < len(compared)
+    assert f"Still: {found.worse} of {found.compared}." in learnt_counts({"Still": table})
 
 
 def test_quantiles_and_distances_of_bins():

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from talkingeyes.evaluation.benchmark.document import VERSION
 from talkingeyes.evaluation.benchmark.metric import CLOSER, Metric
+from talkingeyes.evaluation.benchmark.metric_class import class_of, code_of
 from talkingeyes.evaluation.benchmark.registry import METRICS
 
 INTRODUCTION = """# The gaze benchmark
@@ -59,11 +60,16 @@ on the frame rate. The partner is the densest location of gaze, with a radius of
 truth, `lower` or `higher`. SD is the standard deviation. † detects no corruption of true motion, ‡ was not tested on
 any ([sensitivity.md](sensitivity.md)).
 
-[benchmark_metrics.csv](benchmark_metrics.csv) has the formula of each metric, the minimum count below which there is no
-value, the data it needs, whether it depends on the frame rate, its source, and a caveat to read before you use it.
+"Made" is what makes the value in samples of the default model: `learnt`; `corrected`: learnt, then changed by a factor
+or filter; `rule`: a rule with published rates; `construction`: any weights give it. Counts in reports are of `learnt`
+metrics.
 
-|metric|unit|better|
-|---|---|---|
+[benchmark_metrics.csv](benchmark_metrics.csv) has the formula of each metric, the minimum count below which there is no
+value, the data it needs, whether it depends on the frame rate, its source, a caveat to read before you use it, and the
+code that makes what is not learnt.
+
+|metric|unit|better|made|
+|---|---|---|---|
 """
 FAMILIES = {
     "saccades": "Saccades",
@@ -109,6 +115,8 @@ CSV_COLUMNS = (
     "rate-independent",
     "source",
     "caveat",
+    "made",
+    "made by",
 )
 
 
@@ -117,10 +125,11 @@ def page(docs: Path) -> str:
     doses = _smallest_doses(docs / "sensitivity_doses.csv")
     lines = []
     for family, metrics in groupby(_sorted(), key=_family):
-        lines.append(f"|**{FAMILIES[family]}**|||")
+        lines.append(f"|**{FAMILIES[family]}**||||")
         for each in metrics:
             mark = UNTESTED if each.name not in doses else "" if any(doses[each.name]) else BLIND
-            lines.append(f"|`{each.name}` {each.title}{mark}|{each.unit or '-'}|{each.direction}|")
+            cells = (f"`{each.name}` {each.title}{mark}", each.unit or "-", each.direction, class_of(each.name))
+            lines.append(f"|{'|'.join(cells)}|")
     return INTRODUCTION.format(version=VERSION) + "\n".join([*lines, END])
 
 
@@ -159,6 +168,8 @@ def _cells(metric: Metric) -> list[str]:
         "no" if metric.rate_dependent else "yes",
         metric.source,
         metric.caveat,
+        class_of(metric.name),
+        code_of(metric.name),
     ]
 
 
