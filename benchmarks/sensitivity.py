@@ -1,8 +1,8 @@
-"""Sensitivity of every benchmark metric to known corruptions of true motion.
+"""Sensitivity of every benchmark metric to known corruptions of true motion, and the smallest dose that it detects.
 
-Run     python -m benchmarks.sensitivity [SPEAKERS]     (a minute and a half of CPU; 24 speakers, four sounds each)
+Run     python -m benchmarks.sensitivity [SPEAKERS]     (three minutes of CPU; 24 speakers, four sounds each)
 Reads   conf/critic/default.yaml (the encoder); no corpus: true takes are sampled by synthesis/sketched_clips.py
-Writes  docs/sensitivity.md, docs/sensitivity.csv
+Writes  docs/sensitivity.md, docs/sensitivity.csv, docs/sensitivity_doses.csv
 """
 
 from __future__ import annotations
@@ -10,24 +10,25 @@ from __future__ import annotations
 import csv
 import io
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 import yaml
 
 from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.distribution.encoder import EncoderSettings
 from talkingeyes.evaluation.paper_metrics.table3 import markdown_row
-from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS, UNCORRUPTED, Corruption
+from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS, HALVINGS, UNCORRUPTED, Corruption
 from talkingeyes.evaluation.sensitivity.matrix import (
     CorruptionEffect,
     SensitivityMatrix,
+    SmallestDoses,
     TakeSets,
     detected_corruptions,
     mean_l2,
     sensitivity_matrix,
+    smallest_doses,
     split_takes,
     train_pool_encoder,
 )
@@ -36,21 +37,46 @@ from talkingeyes.synthesis.sketched_clips import sketch_clips
 
 ROOT = Path(__file__).resolve().parents[1]
 SOUNDS, TAKES, SECONDS, FPS = 4, 4, 12.0, 25.0
-SHOWN = 3  # metrics with the largest effects
 BOOTSTRAP = BootstrapSettings(n_resamples=500, confidence_level=0.95, seed=0)
+NAMED = 2  # metrics that detect the smallest dose
+# Columns of the table of smallest doses, and the families of metrics in each.
+GROUPS = {
+    "saccades": ("saccades", "main_sequence", "fixations"),
+    "partner": ("partner_gaze",),
+    "speech": ("speech_onset", "speech_offset"),
+    "eye": ("eye",),
+    "eye-head": ("head_eye",),
+    "blinks": ("blinks",),
+    "gaze": ("gaze_in_space",),
+    "head": ("head",),
+    "correlation": ("reference_correlation",),
+    "samples": ("samples",),
+    "features": ("features",),
+}
 PAGE = """# Which corruptions each metric detects
 
 Written by `python -m benchmarks.sensitivity` for {speakers} synthetic speakers with {sounds} sounds each. The reference
 is {minutes:.0f} minutes of true motion. As much is evaluated: other true takes of the same sounds, unchanged and with
-each corruption. An effect is the difference of a metric from the reference, in half widths of its 95 % interval; from 1
-on the corruption is detected. A metric that has nothing left to measure ("gone") detects it too. Without a corruption,
-{false} of {all} metrics differ by chance. `tests/test_sensitivity.py` checks this on a smaller pool.
+each corruption. An effect is the difference of a metric from the reference, in half widths of its 95 % interval; above
+1, and 0.5 more than without the corruption, it is detected. A metric that has nothing left to measure ("gone") detects
+it too. Without a corruption, {false} of {all} metrics differ by chance. `tests/test_sensitivity.py` checks this on a
+smaller pool.
 
-[sensitivity.csv](sensitivity.csv) has the effect of every corruption on every metric.
+Doses go from the corruption in the second column down to 1/{smallest} of it, each half of the one before; delays are
+whole frames at {fps:.0f} fps. A metric detects its smallest dose and all larger ones; ≤: the smallest tested.
 
-| corruption | what it is | metrics that detect it, of {all} | gone | largest effects |
-| --- | --- | --- | --- | --- |
+| corruption | what it is | metrics that detect it, of {all} | gone | smallest dose detected | by |
+| --- | --- | --- | --- | --- | --- |
 {faults}
+
+Every effect is in [sensitivity.csv](sensitivity.csv), every smallest dose in
+[sensitivity_doses.csv](sensitivity_doses.csv).
+
+## Smallest dose by family
+
+The smallest dose that any metric of a family detects; "-": none.
+
+{groups}
 
 ## What to know before you trust a metric
 
@@ -61,7 +87,9 @@ on the corruption is detected. A metric that has nothing left to measure ("gone"
   Comparison for the same speaker detects it: {sides}.
 - **Late by 3 s** and **another speaker's motion** do not change any distribution. Metrics that depend on speech or
   speaker detect them: {late} (late), {swapped} (swapped); and Corr. against other sounds of the speaker (Table III).
-- No corruption here is detected, except as "gone", by {blind}. The field uses them, or they need more motion than this.
+- **Nothing is detected**, except as "gone", by {blind} (marked † in [benchmark.md](benchmark.md)): true takes of
+  one sound hardly correlate in them either ({blind_values}).
+- **Not tested**, for want of a value on these takes (‡): {untested}. For Corr. see [corr.md](corr.md).
 """
 
 
@@ -77,21 +105,32 @@ def main() -> None:
     )
     takes = split_takes(sketch_clips(speakers, SOUNDS, TAKES, SECONDS, FPS, seed=0))
     found = sensitivity_matrix(takes, BOOTSTRAP, encoder)
-    text = page(found, takes, speakers)
+    doses = smallest_doses(takes, BOOTSTRAP, encoder)
+    text = page(found, doses, takes, speakers)
     (ROOT / "docs/sensitivity.md").write_text(text)
     (ROOT / "docs/sensitivity.csv").write_text(table(found, (UNCORRUPTED, *CORRUPTIONS)))
+    (ROOT / "docs/sensitivity_doses.csv").write_text(dose_table(doses))
     print(text)
 
 
-def page(found: SensitivityMatrix, takes: TakeSets, speakers: int) -> str:
+def page(found: SensitivityMatrix, doses: SmallestDoses, takes: TakeSets, speakers: int) -> str:
     """The whole page."""
     by_name = {each.name: each for each in (UNCORRUPTED, *CORRUPTIONS)}
-    blind = [name for name, cells in found.items() if not any(_is_detected(cell) for cell in _faults(cells))]
+    blind = [name for name, cells in doses.items() if not any(cells.values())]
+    tested = {_family(name) for name in found}
+    untested = dict.fromkeys(
+        name if _family(name) in tested else _family(name)
+        for name in (metric.name for metric in METRICS)
+        if name not in found
+    )
     return PAGE.format(
         speakers=speakers,
         sounds=SOUNDS,
         minutes=speakers * SOUNDS * SECONDS * (TAKES // 2) / 60,
-        faults="\n".join(markdown_row(_fault(found, each)) for each in CORRUPTIONS),
+        smallest=2**HALVINGS,
+        fps=FPS,
+        faults="\n".join(markdown_row(_fault(found, doses, each)) for each in CORRUPTIONS),
+        groups=_groups(doses),
         rated_better=_won(found),
         true_l2=mean_l2(takes, UNCORRUPTED),
         mean_l2=mean_l2(takes, by_name["mean pose"]),
@@ -100,6 +139,8 @@ def page(found: SensitivityMatrix, takes: TakeSets, speakers: int) -> str:
         late=_catching(found, by_name["delayed"]),
         swapped=_catching(found, by_name["swapped speaker"]),
         blind=", ".join(f"`{name}`" for name in blind) or "none",
+        blind_values=", ".join(f"{found[name][UNCORRUPTED.name].value:.2f}" for name in blind),
+        untested=", ".join(f"`{name}`" for name in untested),
         false=sum(cells[UNCORRUPTED.name].effect_size > 1 for cells in found.values()),
         all=len(found),
     )
@@ -116,16 +157,71 @@ def table(found: SensitivityMatrix, columns: Sequence[Corruption]) -> str:
     return text.getvalue()
 
 
-def _fault(found: SensitivityMatrix, corruption: Corruption) -> list[str]:
-    """Name of a corruption, how many metrics detect it, and those with the largest effects."""
-    effects = {name: cells[corruption.name] for name, cells in found.items()}
-    ranked = sorted(
-        (name for name, each in effects.items() if _is_detected(each)), key=lambda name: -effects[name].effect_size
-    )
-    gone = sum(bool(np.isnan(each.effect_size)) for each in effects.values())
-    detected = sum(each.detected for each in effects.values())
-    largest = ", ".join(f"`{name}`" for name in ranked[:SHOWN])
-    return [corruption.name, corruption.title, str(detected), str(gone), largest]
+def dose_table(doses: SmallestDoses) -> str:
+    """CSV with a line per metric and the smallest dose of each corruption; empty where it detects none."""
+    dosed = [each for each in CORRUPTIONS if each.doses]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["metric", *(f"{each.name} ({each.unit})" for each in dosed)])
+    for metric, cells in doses.items():
+        writer.writerow([metric, *(_dose(cells[each.name], "") for each in dosed)])
+    return text.getvalue()
+
+
+def _fault(found: SensitivityMatrix, doses: SmallestDoses, corruption: Corruption) -> list[str]:
+    """Name of a corruption, how many metrics detect it, the smallest dose detected, and the metrics that do."""
+    effects = [cells[corruption.name] for cells in found.values()]
+    gone = sum(not each.measured for each in effects)
+    detected = sum(each.detected for each in effects)
+    cells = [corruption.name, corruption.title, str(detected), str(gone)]
+    smallest = {name: dose for name, each in doses.items() if (dose := each.get(corruption.name)) is not None}
+    if not smallest:
+        return [*cells, "", ""]
+    least = min(smallest.values())
+    first = [f"`{name}`" for name, dose in smallest.items() if dose == least]
+    more = f" and {len(first) - NAMED} more" if len(first) > NAMED else ""
+    return [*cells, f"{_bounded(least, corruption)} {corruption.unit}", ", ".join(first[:NAMED]) + more]
+
+
+def _groups(doses: SmallestDoses) -> str:
+    """Table of the smallest dose by family, a line for each corruption."""
+    lines = ["|".join(["", "corruption", *GROUPS, ""]), "|".join(["", *["---"] * (len(GROUPS) + 1), ""])]
+    for corruption in CORRUPTIONS:
+        if corruption.doses:
+            smallest = [
+                min(
+                    (
+                        dose
+                        for name, cells in doses.items()
+                        if _family(name) in families and (dose := cells[corruption.name]) is not None
+                    ),
+                    default=None,
+                )
+                for families in GROUPS.values()
+            ]
+            lines.append(
+                "|".join(
+                    [
+                        "",
+                        f"{corruption.name}, {corruption.unit}",
+                        *(_bounded(dose, corruption) for dose in smallest),
+                        "",
+                    ]
+                )
+            )
+    return "\n".join(lines)
+
+
+def _family(metric: str) -> str:
+    return metric.split("/", maxsplit=1)[0]
+
+
+def _bounded(dose: float | None, corruption: Corruption) -> str:
+    return ("≤ " if dose == corruption.doses[0] else "") + _dose(dose)
+
+
+def _dose(dose: float | None, missing: str = "-") -> str:
+    return missing if dose is None else f"{dose:.2g}" if dose < 99 else f"{dose:.0f}"
 
 
 def _catching(found: SensitivityMatrix, corruption: Corruption) -> str:
@@ -147,17 +243,13 @@ def _won(found: SensitivityMatrix) -> str:
     return ", ".join(pairs) or "none"
 
 
-def _faults(cells: Mapping[str, CorruptionEffect]) -> list[CorruptionEffect]:
-    return [cell for name, cell in cells.items() if name != UNCORRUPTED.name]
-
-
 def _is_detected(cell: CorruptionEffect) -> bool:
     """Whether a corruption is detected by a value, not by its absence."""
-    return cell.detected and not np.isnan(cell.effect_size)
+    return cell.detected and cell.measured
 
 
 def _written(cell: CorruptionEffect) -> str:
-    if np.isnan(cell.effect_size):
+    if not cell.measured:
         return "gone"
     return f"{cell.effect_size:.1f}" if abs(cell.effect_size) < 99.5 else f"{min(cell.effect_size, 9999):.0f}"
 

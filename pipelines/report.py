@@ -31,6 +31,7 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.benchmark.comparison import MetricResult
+from talkingeyes.evaluation.benchmark.metric_class import count_learnt
 from talkingeyes.evaluation.benchmark.strip_plot import plot_strips
 from talkingeyes.evaluation.benchmark.table import from_json
 from talkingeyes.evaluation.benchmark.table import markdown as benchmark_markdown
@@ -102,7 +103,7 @@ are in docs/face_measures.md, more rows in docs/face_table.md.
 BENCHMARK = """### The gaze benchmark, test and unseen together
 
 Each value with its interval over sounds; bold: worse than the truth for the same sounds by more than the interval.
-`fitted` is the training target, an upper bound. Definitions and caveats of the metrics: docs/benchmark.md.
+`fitted` is the training target, an upper bound. Definitions, caveats and classes of the metrics: docs/benchmark.md.
 """
 
 
@@ -175,6 +176,7 @@ def _page(
         parts += [INFORMATION, information_table(informed, TITLES), ""]
     parts += [REQUIREMENTS, model_requirements_table(required), "", markdown(rows), BENCHMARK]
     parts += [
+        learnt_counts(benchmarks),
         benchmark_markdown(benchmarks, TITLES),
         "\n### Requirements on fitting, codebooks and critics\n",
         requirements_table(upstream),
@@ -190,6 +192,18 @@ def _uses_sound(row: Mapping[str, Any]) -> bool:
     """Whether motion is more likely under its own sound than under another, by intervals that do not overlap."""
     own, other = (row.get("unseen", {}).get(sound, {}).get("total") for sound in ("own", "other"))
     return own is not None and other is not None and own["low"] > other["high"]
+
+
+def learnt_counts(benchmarks: Mapping[str, Sequence[MetricResult]]) -> str:
+    """How many learnt metrics are worse than the truth, for each row; empty if none is compared."""
+    counts = {name: count_learnt(rows) for name, rows in benchmarks.items()}
+    listed = [f"{TITLES.get(name, name)}: {each.worse} of {each.compared}" for name, each in counts.items()]
+    if not any(each.compared for each in counts.values()):
+        return ""
+    return (
+        "Metrics worse than the truth, of those that the default model learns without correction: "
+        f"{'; '.join(listed)}.\n"
+    )
 
 
 def _benchmarks(folder: Path, names: list[str]) -> dict[str, list[MetricResult]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from toy_people import ANNOTATION, ToyPerson, people
 
+from pipelines.report import learnt_counts
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
@@ -16,13 +18,33 @@ from talkingeyes.evaluation.benchmark import comparison as tallies
 from talkingeyes.evaluation.benchmark import partner_gaze
 from talkingeyes.evaluation.benchmark.behaviour import behaviour, with_references
 from talkingeyes.evaluation.benchmark.comparison import Accumulator, Comparison, bootstrap_weights, extract
+from talkingeyes.evaluation.benchmark.document import VERSION
 from talkingeyes.evaluation.benchmark.metric import Bins
+from talkingeyes.evaluation.benchmark.metric_class import ORIGINS, class_of, code_of, count_learnt
 from talkingeyes.evaluation.benchmark.page import metrics_csv, page
 from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.benchmark.table import as_json, as_text, from_json, markdown, to_csv
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, resample_indices
+from talkingeyes.models.gaze.saccade_rendering import eyes_towards, render_saccades
 from talkingeyes.physiology.saccades import peak_speed
 
+# Values of version 1 for the toy people: metrics, and averted frames around speech (too few for metrics).
+GOLDEN = {
+    "saccades/rate": 0.9222222,
+    "main_sequence/peak_speed_ratio": 0.995972,
+    "fixations/duration_median": 0.8935484,
+    "partner_gaze/fraction": 0.6176667,
+    "eye/range_yaw": 28.48318,
+    "head_eye/slope_yaw": -0.9917227,
+    "head_eye/head_lag": 0.5418796,
+    "blinks/duration_median": 0.2411905,
+    "blinks/at_shifts": 1.114918,
+    "blinks/at_phrase_ends": 1.051808,
+    "gaze_in_space/speed": 7.508088,
+    "eye/spectrum_slope": -2.520694,
+    "head/speech_speed_ratio": 0.9958583,
+}
+GOLDEN_TOTALS = {"onset.averted": 1888, "offset.averted": 1926}
 SETTINGS = BootstrapSettings(n_resamples=100, confidence_level=0.95, seed=0)
 COUNT = 60
 
@@ -65,6 +87,23 @@ def test_metric_names_are_unique_and_descriptions_complete():
     assert len({metric.name for metric in METRICS}) == len(METRICS) > 60
     for metric in METRICS:
         assert metric.formula and metric.source and metric.caveat and metric.min_count > 0, metric.name
+
+
+def test_the_version_changes_with_the_definitions():
+    """If this fails, raise document.VERSION (its comment says which part) and set the new hash here."""
+    definitions = [
+        (each.name, each.unit, each.formula, each.direction, each.min_count, each.count_key, each.rate_dependent)
+        for each in METRICS
+    ]
+    found = hashlib.sha256(json.dumps(definitions).encode()).hexdigest()[:12]
+    assert (VERSION, found) == ("1.0", "5274023ee41f")
+
+
+def test_the_version_changes_with_the_values(own, reference):
+    """If this fails, raise the first number of document.VERSION and set the new values here."""
+    assert VERSION.startswith("1.")
+    assert {name: own[name].value.value for name in GOLDEN} == pytest.approx(GOLDEN, rel=1e-4)
+    assert {name: reference.totals()[name].sum() for name in GOLDEN_TOTALS} == GOLDEN_TOTALS
 
 
 def test_truth_does_not_differ_from_itself(own):
@@ -243,8 +282,51 @@ def test_takes_are_compared_with_each_other():
 
 
 def test_the_page_is_fresh(repository):
-    assert (repository / "docs" / "benchmark.md").read_text() == page()
+    assert (repository / "docs" / "benchmark.md").read_text() == page(repository / "docs")
     assert (repository / "docs" / "benchmark_metrics.csv").read_text() == metrics_csv()
+
+
+def test_classes_name_metrics_once():
+    named = [metric for origin in ORIGINS for metric in origin.metrics]
+    assert len(set(named)) == len(named)
+    assert set(named) <= {metric.name for metric in METRICS}
+    assert {class_of(metric.name) for metric in METRICS} == {"learnt", "corrected", "rule", "construction"}
+    assert (class_of("saccades/rate"), code_of("saccades/rate")) == ("learnt", "")
+
+
+def test_metrics_by_construction_hold_for_random_events():
+    """Locations and times without any structure, rendered as by the default model, under moving heads."""
+    rng = np.random.default_rng(0)
+    times_s = np.arange(300) / 25
+
+    def motion():
+        onsets = np.cumsum(rng.uniform(0.4, 1.5, (1, 8)), axis=1)
+        locations = np.append(rng.normal(0, 0.12, (1, 8, 2)), np.full((1, 8, 1), -0.06), axis=2)
+        signal = render_saccades(np.ones((1, 8), bool), onsets, locations, times_s)
+        phase = 2 * np.pi * (rng.uniform(0.2, 0.8, 3) * times_s[:, None] + rng.random(3))
+        head = 0.06 * np.sin(phase)[None]
+        return behaviour(25.0, {"head": head[0], "gaze": eyes_towards(head, signal)[0]})
+
+    made = [motion() for _ in range(60)]
+    found = {name: row.value.value for name, row in rows(made, counted(made)).items() if row.value}
+    assert found["main_sequence/peak_speed_ratio"] == pytest.approx(1.0, abs=0.05)
+    assert found["main_sequence/slope"] == pytest.approx(0.0, abs=0.05)
+    assert found["eye/torsion"] == pytest.approx(0.0, abs=1e-6)
+    assert found["eye/conjugacy"] > 0.95
+    assert found["head_eye/slope_yaw"] == pytest.approx(-1.0, abs=0.05)
+    assert found["head_eye/slope_pitch"] == pytest.approx(-1.0, abs=0.05)
+    assert found["head_eye/correlation"] < -0.95
+
+
+def test_learnt_metrics_are_counted(own, true, reference):
+    assert count_learnt(list(own.values())).worse == 0
+    still = [replace(each, gaze=np.zeros_like(each.gaze), head=np.zeros_like(each.head)) for each in true]
+    table = list(rows(still, reference).values())
+    found = count_learnt(table)
+    assert 0 < found.worse <= found.compared
+    compared = [row for row in table if row.worse is not None]
+    assert found.compared == sum(class_of(row.metric.name) == "learnt" for row in compared) < len(compared)
+    assert f"Still: {found.worse} of {found.compared}." in learnt_counts({"Still": table})
 
 
 def test_quantiles_and_distances_of_bins():

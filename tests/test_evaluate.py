@@ -7,12 +7,14 @@ import shutil
 
 import numpy as np
 import pytest
+from jsonschema import validate
 from toy_workspace import FRAMES, toy_workspace
 
 from pipelines import critic, evaluate
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.evaluation.benchmark.corr import CorrScores
+from talkingeyes.evaluation.benchmark.document import VERSION, json_schema
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.paper_metrics.summary import EvaluationCase, clip_metrics, summarise
 from talkingeyes.models.contrastive_critic import CRITIC_PARTS
@@ -129,7 +131,10 @@ def test_the_command_takes_corr_from_the_networks_of_the_chain(workspace):
     assert found["alone"]["corr/gaze_in_space"].reason == "needs corr: missing in the motions"
     rows = found["judged"]
     assert rows["corr/gaze_in_space"].value == rows["corr/gaze_in_space"].reference
-    stage = json.loads(workspace.data("evaluate", "truth", "benchmark.json").read_text())["metrics"]
+    written = json.loads(workspace.data("evaluate", "truth", "benchmark.json").read_text())
+    validate(written, json_schema())
+    assert written["benchmark_version"] == VERSION
+    stage = written["metrics"]
     assert stage["corr/gaze_in_space"]["reason"].startswith("needs 20 judged motions")
     assert rows["corr/head_minus_shuffled"].count == rows["corr/head"].count == sum(1 for _ in truth.rglob("*.npz"))
     assert rows["corr/head_minus_shuffled"].value.value != rows["corr/head"].value.value

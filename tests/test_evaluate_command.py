@@ -6,16 +6,20 @@ import json
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator, ValidationError, validate
 from test_inference import without_torch
 from test_people import people_csv
 from toy_people import ANNOTATION, ToyPerson
+from typer.testing import CliRunner
 
 from talkingeyes.audio.voice_activity import detect_speech
+from talkingeyes.cli import main
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.motion_files import clip_id_of, read_motions
 from talkingeyes.corpus.store import Corpus, make_shard_path
+from talkingeyes.evaluation.benchmark.document import VERSION, json_schema
 from talkingeyes.workflows.convert import export
 from talkingeyes.workflows.evaluate import benchmark_text, evaluate
 
@@ -55,7 +59,10 @@ def test_truth_against_itself_writes_table_and_plot(corpus, tmp_path):
     assert values(found)["saccades/rate"].difference.value == 0
     assert values(found)["saccades/amplitude"].reason == "needs 50 saccades: the motions have 47"
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"benchmark.json", "benchmark.csv", "strip.png"}
-    assert json.loads((tmp_path / "out" / "benchmark.json").read_text())["sounds"] == CLIPS
+    written = json.loads((tmp_path / "out" / "benchmark.json").read_text())
+    assert written["sounds"] == CLIPS
+    assert written["benchmark_version"] == VERSION
+    validate(written, json_schema())
     assert found.notes == ["intervals are over sounds and too narrow for 4; use 10 or more"]
     assert "4 sounds at 25 fps, compared with the truth under the same sounds" in benchmark_text(found)
     with pytest.raises(InputError, match="--force"):
@@ -64,6 +71,27 @@ def test_truth_against_itself_writes_table_and_plot(corpus, tmp_path):
 
 # What the extras of pyproject.toml install beyond the base installation.
 EXTRAS = "torch sklearn hydra omegaconf mlflow dvc ruamel optuna ray pxr mediapipe cv2 transformers fastapi uvicorn"
+
+
+def test_schema_is_printed_and_rejects_other_contents(corpus, tmp_path):
+    printed = CliRunner().invoke(main.app, ["evaluate", "--schema"])
+    assert printed.exit_code == 0
+    schema = json.loads(printed.stdout)
+    Draft202012Validator.check_schema(schema)
+    evaluate(corpus / "truth", corpus, tmp_path / "out", n_resamples=20)
+    good = json.loads((tmp_path / "out" / "benchmark.json").read_text())
+    validate(good, schema)
+    rate = good["metrics"]["saccades/rate"]
+    bad = (
+        {key: value for key, value in good.items() if key != "benchmark_version"},
+        {**good, "schema": "talkingeyes.benchmark/2"},
+        {**good, "score": 1.0},
+        {**good, "metrics": {"saccades/rate": {**rate, "direction": "up"}}},
+        {**good, "metrics": {"saccades/rate": {**rate, "value": 1.0}}},
+    )
+    for each in bad:
+        with pytest.raises(ValidationError):
+            validate(each, schema)
 
 
 def test_files_of_another_program_are_measured_without_torch_and_models(corpus, tmp_path):

@@ -15,6 +15,7 @@ from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.evaluation.benchmark.corr import CRITICS, corr_scores
+from talkingeyes.evaluation.benchmark.document import VERSION
 from talkingeyes.evaluation.benchmark.paired import (
     PairedAccumulator,
     motion_behaviours,
@@ -77,7 +78,8 @@ def test_motion_without_saccades_counts_missing_metrics_as_worse():
     assert frozen.worse == sum(row.worse is True for row in frozen.rows) + frozen.missing
     assert json.loads(frozen.json())["sounds"] == SOUNDS
     assert json.loads(PairedAccumulator().table(BOOTSTRAP).json()) == {
-        "schema": "talkingeyes.benchmark/2",
+        "schema": "talkingeyes.benchmark/3",
+        "benchmark_version": VERSION,
         "sounds": 0,
         "metrics": {},
     }

@@ -159,11 +159,24 @@ def test_page_of_sensitivity() -> None:
     text = page("sensitivity")
     with (DOCS / "sensitivity.csv").open(newline="") as file:
         heading, *rows = list(csv.reader(file))
+    with (DOCS / "sensitivity_doses.csv").open(newline="") as file:
+        dose_heading, *doses = list(csv.reader(file))
     assert heading == ["metric", "true", *(each.name for each in CORRUPTIONS)]
+    assert dose_heading == ["metric", *(f"{each.name} ({each.unit})" for each in CORRUPTIONS if each.doses)]
+    assert [row[0] for row in doses] == [row[0] for row in rows]
     assert f"metrics that detect it, of {len(rows)}" in text
     for at, each in enumerate(CORRUPTIONS, 2):
         gone = sum(row[at] == "gone" for row in rows)
-        assert re.search(rf"^\| {each.name} \| {re.escape(each.title)} \| \d+ \| {gone} \|", text, re.MULTILINE)
+        line = re.search(rf"^\| {each.name} \| {re.escape(each.title)} \| \d+ \| {gone} \|.*", text, re.MULTILINE)
+        assert line
+        if each.doses:
+            column = dose_heading.index(f"{each.name} ({each.unit})")
+            least = min((row[column] for row in doses if row[column]), key=float)
+            first = next(row[0] for row in doses if row[column] == least)
+            bound = "≤ " if float(least) <= 1.01 * each.doses[0] else ""
+            assert f"| {bound}{least} {each.unit} | `{first}`" in line[0]
+    blind = [f"`{row[0]}`" for row in doses if not any(row[1:])]
+    assert f'as "gone", by {", ".join(blind)} (marked' in text
 
 
 def test_tables_survive_markdown_and_csv() -> None:

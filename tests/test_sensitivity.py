@@ -6,6 +6,8 @@ The pool is synthetic motion with a fixed seed, without sound and corpus. docs/s
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,7 @@ from talkingeyes.evaluation.sensitivity.matrix import (
     detected_corruptions,
     mean_l2,
     sensitivity_matrix,
+    smallest_doses,
     split_takes,
     train_pool_encoder,
 )
@@ -71,6 +74,11 @@ MUST = {
     "fixed head": ("eye/still_fraction", "head/speed", "head_eye/correlation"),
     "no blinks": ("blinks/rate", "blinks/depth"),
     "delayed blinks": ("blinks/at_phrase_ends",),
+    "drifting head": ("saccades/left_right_asymmetry", "head/speed", "head/above_5_hz"),
+    "missing blinks": ("blinks/rate",),
+    "shallow blinks": ("blinks/depth",),
+    "slow blinks": ("blinks/duration_median", "blinks/duration_distance"),
+    "timed blinks": ("blinks/interval_cv", "blinks/at_shifts"),
 }  # fmt: skip
 # Corruptions and metrics that must not detect them.
 MUST_NOT = {
@@ -78,6 +86,11 @@ MUST_NOT = {
     "mirrored left-right": ("saccades/rate", "head_eye/slope_yaw", "head/speed", "blinks/rate"),
     "mirrored up-down": ("saccades/amplitude", "blinks/rate", "head/speed"),
     "delayed blinks": ("saccades/rate", "blinks/rate"),
+    "drifting head": ("eye/speed", "blinks/rate"),
+    "missing blinks": ("blinks/duration_median", "blinks/depth", "saccades/rate"),
+    "shallow blinks": ("blinks/duration_median", "saccades/rate"),
+    "slow blinks": ("blinks/depth", "saccades/rate"),
+    "timed blinks": ("blinks/rate", "blinks/duration_median", "blinks/depth", "saccades/rate"),
 }
 
 
@@ -139,7 +152,32 @@ def test_unaffected_metrics_do_not_detect_corruptions(found, name: str) -> None:
 def test_every_metric_detects_some_corruption(found) -> None:
     """Metrics that detect nothing in this pool are named on the page."""
     blind = {name for name, cells in found.items() if not detected_corruptions(cells)}
-    assert blind <= {"reference_correlation/head_yaw", "eye/pitch_skew"}
+    correlations = {f"reference_correlation/{each}" for each in ("aversion_yaw", "aversion_pitch", "head_yaw")}
+    assert blind <= {*correlations, "eye/pitch_skew"}
+
+
+def test_smallest_dose_is_where_detection_starts(takes) -> None:
+    """From the smallest dose on, the matrix has the corruption as detected, and not at half of it."""
+    corruption = BY_NAME["diverging eyes"]
+    smallest = smallest_doses(takes, SETTINGS, corruptions=[corruption, BY_NAME["no blinks"]])
+    assert set(smallest["eye/vergence"]) == {corruption.name}  # "no blinks" has no size
+    assert smallest["blinks/rate"][corruption.name] is None
+    dose = smallest["eye/vergence"][corruption.name]
+    assert dose is not None
+    assert corruption.doses[0] < dose < 0.5
+    for size, expected in ((dose / 2, False), (dose, True), (2 * dose, True)):
+        cells = sensitivity_matrix(takes, SETTINGS, None, corruption.strength(size), [corruption])["eye/vergence"]
+        assert cells[corruption.name].detected == expected
+
+
+def test_doses_ascend_to_the_size_in_the_title() -> None:
+    for each in CORRUPTIONS:
+        assert list(each.doses) == sorted(set(each.doses))
+        assert not each.doses or each.strength(each.doses[-1]) == 1
+        size = re.search(r"[\d.]+(?= deg| s\b)", each.title)
+        if each.unit in ("deg", "s"):
+            assert size is not None
+            assert each.doses[-1] == pytest.approx(float(size[0]))
 
 
 def test_true_takes_differ_no_more_often_than_by_chance(found) -> None:
@@ -207,6 +245,33 @@ def test_corruptions_have_their_stated_effect(takes) -> None:
     assert (made("delayed").gaze[75:] == motion.gaze[:-75]).all()
     assert made("jittered").head.std() > motion.head.std()
     assert np.degrees((made("jittered").head - motion.head).std()) == pytest.approx(0.3, rel=0.1)
+    drift = np.degrees((made("drifting head").head - motion.head)[:, 1])
+    assert np.ptp(drift) == pytest.approx(3.0, abs=0.1)
+    assert (np.diff(drift) > 0).mean() > 0.95  # to the left, but for the snaps
+
+
+def test_corruptions_of_blinks_change_what_they_state(takes) -> None:
+    motions = [motions[0] for motions in takes.evaluated]
+
+    def blinks(name: str):
+        return [each.blinks for each in apply_corruption(motions, takes.speakers, BY_NAME[name], 1.0, seed=0)]
+
+    def total(found) -> int:
+        return sum(map(len, found))
+
+    true = [each.blinks for each in motions]
+    assert total(blinks("missing blinks")) == pytest.approx(total(true) / 2, rel=0.15)
+    duration = [
+        np.median(np.concatenate([each.duration_s for each in found])) for found in (true, blinks("slow blinks"))
+    ]
+    assert duration[1] == pytest.approx(2 * duration[0], rel=0.1)
+    spread = [
+        np.median([np.std(np.diff(each.onset_s)) for each in found if len(each) > 2])
+        for found in (true, blinks("timed blinks"))
+    ]
+    assert spread[0] > 0.5  # seconds
+    assert spread[1] < 0.1
+    assert total(blinks("timed blinks")) == pytest.approx(total(true), rel=0.05)
 
 
 def test_swapped_motion_is_of_another_speaker(takes) -> None:

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from talkingeyes.core.errors import InputError
+
+
+def _print_schema(wanted: bool) -> None:
+    if wanted:
+        from talkingeyes.evaluation.benchmark.document import json_schema
+
+        typer.echo(json.dumps(json_schema(), indent=1))
+        raise typer.Exit
 
 
 def evaluate(
@@ -29,6 +38,12 @@ def evaluate(
     seed: Annotated[int, typer.Option(help="Seed of the resamples.")] = 0,
     jobs: Annotated[int, typer.Option(help="Number of processes.")] = 1,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the output of an earlier run.")] = False,
+    schema: Annotated[
+        bool,
+        typer.Option(
+            "--schema", help="Print the JSON Schema of benchmark.json.", is_eager=True, callback=_print_schema
+        ),
+    ] = False,
 ) -> None:
     """Compare motions with a corpus (--reference) or recorded people (--people), with confidence intervals."""
     if people is not None:

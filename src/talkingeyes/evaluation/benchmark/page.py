@@ -1,6 +1,7 @@
 """Writes docs/benchmark.md and docs/benchmark_metrics.csv from the descriptions of the metrics.
 
 Run     python -m talkingeyes.evaluation.benchmark.page docs
+Reads   docs/sensitivity_doses.csv (benchmarks/sensitivity.py): which metrics detect a corruption of true motion
 """
 
 from __future__ import annotations
@@ -11,16 +12,18 @@ import sys
 from itertools import groupby
 from pathlib import Path
 
+from talkingeyes.evaluation.benchmark.document import VERSION
 from talkingeyes.evaluation.benchmark.metric import CLOSER, Metric
+from talkingeyes.evaluation.benchmark.metric_class import class_of, code_of
 from talkingeyes.evaluation.benchmark.registry import METRICS
 
 INTRODUCTION = """# The gaze benchmark
 
     talkingeyes evaluate MOTION_DIR --reference CORPUS [--sound DIR] [--evaluators DATA] [-o DIR]
 
-compares any motion with the true motion of a corpus. It prints a table and writes `benchmark.json`, `benchmark.csv` and
-`strip.png`. This page is written by `python -m talkingeyes.evaluation.benchmark.page docs`; a test checks that it is up
-to date.
+compares any motion with the true motion of a corpus ([evaluate.md](evaluate.md)). It prints a table and writes
+`benchmark.json`, `benchmark.csv` and `strip.png`. This page is of benchmark version {version}, written by
+`python -m talkingeyes.evaluation.benchmark.page docs`; a test checks that it is up to date.
 
 ## Input
 
@@ -53,14 +56,20 @@ how accurate the detectors are and what recorded people give.
 ## Metrics
 
 Gaze in space is R(head) R(eye), the mean direction of both eyes. Saccades are detected in it, by a method that depends
-on the frame rate. The partner is the densest location of gaze, with a radius of 4 degrees. "Better" is `closer to
-truth`, `lower` or `higher`. SD is the standard deviation.
+on the frame rate. The partner is the densest location of gaze, with a radius of 4 degrees. "Better" is `closer` to the
+truth, `lower` or `higher`. SD is the standard deviation. † detects no corruption of true motion, ‡ was not tested on
+any ([sensitivity.md](sensitivity.md)).
+
+"Made" is what makes the value in samples of the default model: `learnt`; `corrected`: learnt, then changed by a factor
+or filter; `rule`: a rule with published rates; `construction`: any weights give it. Counts in reports are of `learnt`
+metrics.
 
 [benchmark_metrics.csv](benchmark_metrics.csv) has the formula of each metric, the minimum count below which there is no
-value, the data it needs, whether it depends on the frame rate, its source, and a caveat to read before you use it.
+value, the data it needs, whether it depends on the frame rate, its source, a caveat to read before you use it, and the
+code that makes what is not learnt.
 
-| metric | unit | better |
-| --- | --- | --- |
+|metric|unit|better|made|
+|---|---|---|---|
 """
 FAMILIES = {
     "saccades": "Saccades",
@@ -94,6 +103,7 @@ of models have no lids, so blinks are only measured for `truth`, `fitted` and th
 
 
 BETTER = {CLOSER: "closer to truth"}
+BLIND, UNTESTED = "†", "‡"
 CSV_COLUMNS = (
     "metric",
     "title",
@@ -105,19 +115,28 @@ CSV_COLUMNS = (
     "rate-independent",
     "source",
     "caveat",
+    "made",
+    "made by",
 )
 
 
-def page() -> str:
-    """The Markdown page."""
+def page(docs: Path) -> str:
+    """The Markdown page; `docs` has the smallest doses that the metrics detect."""
+    doses = _smallest_doses(docs / "sensitivity_doses.csv")
     lines = []
     for family, metrics in groupby(_sorted(), key=_family):
-        lines.append(f"| **{FAMILIES[family]}** | | |")
-        lines += [
-            f"| `{each.name}` {each.title} | {each.unit or '-'} | {BETTER.get(each.direction, each.direction)} |"
-            for each in metrics
-        ]
-    return INTRODUCTION + "\n".join([*lines, END])
+        lines.append(f"|**{FAMILIES[family]}**||||")
+        for each in metrics:
+            mark = UNTESTED if each.name not in doses else "" if any(doses[each.name]) else BLIND
+            cells = (f"`{each.name}` {each.title}{mark}", each.unit or "-", each.direction, class_of(each.name))
+            lines.append(f"|{'|'.join(cells)}|")
+    return INTRODUCTION.format(version=VERSION) + "\n".join([*lines, END])
+
+
+def _smallest_doses(path: Path) -> dict[str, list[str]]:
+    """The line of each metric; all empty where it detects nothing."""
+    with path.open(newline="") as file:
+        return {name: doses for name, *doses in csv.reader(file)}
 
 
 def metrics_csv() -> str:
@@ -149,9 +168,12 @@ def _cells(metric: Metric) -> list[str]:
         "no" if metric.rate_dependent else "yes",
         metric.source,
         metric.caveat,
+        class_of(metric.name),
+        code_of(metric.name),
     ]
 
 
 if __name__ == "__main__":
-    for name, text in (("benchmark.md", page()), ("benchmark_metrics.csv", metrics_csv())):
-        Path(sys.argv[1], name).write_text(text)
+    folder = Path(sys.argv[1])
+    for name, text in (("benchmark.md", page(folder)), ("benchmark_metrics.csv", metrics_csv())):
+        (folder / name).write_text(text)

@@ -6,14 +6,13 @@ import csv
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 from talkingeyes.evaluation.benchmark.comparison import MetricResult
+from talkingeyes.evaluation.benchmark.document import SCHEMA, VERSION, BenchmarkDocument
 from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.bootstrap import Estimate
 
-SCHEMA = "talkingeyes.benchmark/2"
 ESTIMATES = ("value", "reference", "difference")
 LIMITS = ("value", "low", "high")
 METRICS_BY_NAME = {metric.name: metric for metric in METRICS}
@@ -25,7 +24,7 @@ def as_json(rows: Sequence[MetricResult], metadata: Mapping[str, Any]) -> str:
         row.metric.name: {
             "count": row.count,
             "count_unit": row.metric.count_unit,
-            **{name: asdict(found) if (found := getattr(row, name)) else None for name in ESTIMATES},
+            **{name: getattr(row, name) for name in ESTIMATES},
             "worse": row.worse,
             "reason": row.reason,
             "unit": row.metric.unit,
@@ -33,7 +32,9 @@ def as_json(rows: Sequence[MetricResult], metadata: Mapping[str, Any]) -> str:
         }
         for row in rows
     }
-    return json.dumps({"schema": SCHEMA, **metadata, "metrics": metrics}, indent=1)
+    head = {"schema": SCHEMA, "benchmark_version": VERSION}
+    document = BenchmarkDocument.model_validate({**head, **metadata, "metrics": metrics})
+    return json.dumps(document.model_dump(by_alias=True, exclude_unset=True), indent=1)
 
 
 def from_json(content: Mapping[str, Any]) -> list[MetricResult]:

@@ -2,7 +2,8 @@
 
 A metric that does not rank the truth above a corruption cannot detect it (docs/sensitivity.md). Each corruption has a
 strength: 0 leaves the motion unchanged, 1 is the fault as it occurs in practice (a flipped sign, a filter of three
-frames, the noise of a cheap tracker). Signs: docs/conventions.md.
+frames, the noise of a cheap tracker). A dose is a strength in units of the fault (degrees, seconds, a fraction).
+Signs: docs/conventions.md.
 """
 
 from __future__ import annotations
@@ -17,6 +18,15 @@ from scipy.ndimage import gaussian_filter1d
 
 from talkingeyes.core.rotation import eye_in_head, gaze_in_space
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
+from talkingeyes.evaluation.sensitivity.blink_corruptions import (
+    MISSING_FRACTION,
+    SHALLOW_FACTOR,
+    SLOW_EXTENSION,
+    missing_blinks,
+    shallow_blinks,
+    slow_blinks,
+    timed_blinks,
+)
 
 JITTER_RAD = np.radians(0.3)
 DELAY_S = 3.0
@@ -26,6 +36,9 @@ HEAD_DELAY_S = 0.4
 SHRINK_FACTOR = 0.5
 DIVERGENCE_RAD = np.radians(2.0)
 TORSION_PER_YAW = 0.3  # fraction of yaw: false torsion of an eye rotated about fixed axes
+DRIFT_RAD, DRIFT_S = np.radians(3.0), 2.0
+HALVINGS = 7  # the smallest dose is 1/128 of the largest
+DOSE_FPS = 25.0  # delays are doses of whole frames
 
 # Maps the frames of one field.
 FrameTransform = Callable[[ndarray], ndarray]
@@ -34,11 +47,20 @@ MotionTransform = Callable[[Behaviour, float, np.random.Generator], Behaviour]
 
 @dataclass(frozen=True)
 class Corruption:
-    """A corruption: name, description, and the function that applies it to a motion."""
+    """A corruption: name, description, and the function that applies it to a motion.
+
+    `doses` are ascending sizes in `unit`, the last that of strength 1; a corruption without a size has none.
+    """
 
     name: str
     title: str
     change: MotionTransform
+    doses: tuple[float, ...] = ()
+    unit: str = ""
+
+    def strength(self, dose: float) -> float:
+        """Strength of a dose."""
+        return dose / self.doses[-1]
 
 
 def apply_corruption(
@@ -170,6 +192,14 @@ def _delayed_blinks(motion: Behaviour, strength: float, rng: np.random.Generator
     return replace(motion, lid=None if motion.lid is None else np.roll(motion.lid, shift, axis=0))
 
 
+def _drifting_head(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
+    """Let head yaw drift to the left and snap back every DRIFT_S, as a gyroscope that is recentred."""
+    if motion.head is None:
+        return motion
+    phase = (motion.times_s / DRIFT_S + rng.random()) % 1.0 - 0.5
+    return replace(motion, head=motion.head + strength * DRIFT_RAD * phase[:, None] * [0.0, 1.0, 0.0])
+
+
 def _unchanged(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
     return motion
 
@@ -204,25 +234,48 @@ def _map_all(motion: Behaviour, change: FrameTransform) -> Behaviour:
     return replace(motion, head=head, gaze=gaze, lid=lid)
 
 
+def _halvings(largest: float) -> tuple[float, ...]:
+    """Doses from `largest` / 128 to `largest`, each twice the one before."""
+    return tuple(float(largest) / 2**halving for halving in range(HALVINGS, -1, -1))
+
+
+def _delays(largest_s: float) -> tuple[float, ...]:
+    """These doses in whole frames."""
+    return tuple(sorted({max(1, round(each * DOSE_FPS)) / DOSE_FPS for each in _halvings(largest_s)}))
+
+
+def _percent(largest: float) -> tuple[float, ...]:
+    """Doses of a fraction, in percent."""
+    return _halvings(100 * largest)
+
+
+DEGREES, SECONDS, CLIPS = "deg", "s", "% of clips"
 UNCORRUPTED = Corruption("uncorrupted", "truth: another take", _unchanged)
-SWAPPED = Corruption("swapped speaker", "another speaker's motion", _unchanged)
+SWAPPED = Corruption("swapped speaker", "another speaker's motion", _unchanged, _percent(1.0), CLIPS)
 CORRUPTIONS = (
-    Corruption("frozen", "frozen at the first frame", _frozen),
+    Corruption("frozen", "frozen at the first frame", _frozen, _percent(1.0), "% of each clip"),
     Corruption("mean pose", "frozen at the clip's mean", _mean_pose),
-    Corruption("jittered", "0.3 deg of white noise", _jittered),
-    Corruption("smoothed", "Gaussian filter of 0.12 s", _smoothed),
-    Corruption("reduced amplitude", "amplitude halved", _reduced_amplitude),
-    Corruption("delayed", "3 s late", _delayed),
+    Corruption("jittered", "0.3 deg of white noise", _jittered, _halvings(0.3), DEGREES),
+    Corruption("smoothed", "Gaussian filter of 0.12 s", _smoothed, _halvings(SMOOTH_S), SECONDS),
+    Corruption("reduced amplitude", "amplitude halved", _reduced_amplitude, _percent(1 - SHRINK_FACTOR), "% lost"),
+    Corruption("delayed", "3 s late", _delayed, _delays(DELAY_S), SECONDS),
     SWAPPED,
-    Corruption("mirrored left-right", "mirrored left to right", _mirrored_sides),
-    Corruption("mirrored up-down", "mirrored upside down", _mirrored_heights),
-    Corruption("flipped eyes", "sign of eye rotation flipped", _flipped_eyes),
-    Corruption("flipped eye yaw", "sign of eye yaw flipped", _flipped_eye_yaw),
-    Corruption("diverging eyes", "each eye rotated 2 deg outwards", _diverging_eyes),
-    Corruption("false torsion", "torsion of 0.3 times yaw added", _false_torsion),
-    Corruption("delayed eyes", "eyes 0.12 s behind the head", _delayed_eyes),
-    Corruption("delayed head", "head 0.4 s behind gaze", _delayed_head),
-    Corruption("fixed head", "head still, gaze moved by the eyes only", _fixed_head),
+    Corruption("mirrored left-right", "mirrored left to right", _mirrored_sides, _percent(1.0), CLIPS),
+    Corruption("mirrored up-down", "mirrored upside down", _mirrored_heights, _percent(1.0), CLIPS),
+    Corruption("flipped eyes", "sign of eye rotation flipped", _flipped_eyes, _percent(1.0), CLIPS),
+    Corruption("flipped eye yaw", "sign of eye yaw flipped", _flipped_eye_yaw, _percent(1.0), CLIPS),
+    Corruption("diverging eyes", "each eye rotated 2 deg outwards", _diverging_eyes, _halvings(2.0), DEGREES),
+    Corruption(
+        "false torsion", "torsion of 0.3 times yaw added", _false_torsion, _percent(TORSION_PER_YAW), "% of yaw"
+    ),
+    Corruption("delayed eyes", "eyes 0.12 s behind the head", _delayed_eyes, _delays(EYE_DELAY_S), SECONDS),
+    Corruption("delayed head", "head 0.4 s behind gaze", _delayed_head, _delays(HEAD_DELAY_S), SECONDS),
+    Corruption("fixed head", "head still, gaze moved by the eyes only", _fixed_head, _percent(1.0), "% lost"),
+    Corruption("drifting head", "head drifts 3 deg in 2 s and snaps back", _drifting_head, _halvings(3.0), DEGREES),
     Corruption("no blinks", "no blinks", _without_blinks),
-    Corruption("delayed blinks", "blinks 3 s late", _delayed_blinks),
+    Corruption("delayed blinks", "blinks 3 s late", _delayed_blinks, _delays(DELAY_S), SECONDS),
+    Corruption("missing blinks", "half of the blinks missing", missing_blinks, _percent(MISSING_FRACTION), "% missing"),
+    Corruption("shallow blinks", "lids close half as far", shallow_blinks, _percent(1 - SHALLOW_FACTOR), "% lost"),
+    Corruption("slow blinks", "blinks twice as long", slow_blinks, _percent(SLOW_EXTENSION), "% longer"),
+    Corruption("timed blinks", "blinks at equal intervals", timed_blinks, _percent(1.0), "% of the way"),
 )

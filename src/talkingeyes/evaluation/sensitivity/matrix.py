@@ -9,7 +9,7 @@ follows from the intervals.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,9 +88,14 @@ class CorruptionEffect:
     baseline_effect: float
 
     @property
+    def measured(self) -> bool:
+        """Whether the metric is still defined."""
+        return not np.isnan(self.effect_size)
+
+    @property
     def detected(self) -> bool:
         """Whether the metric detects the corruption."""
-        return bool(np.isnan(self.effect_size) or self.effect_size > max(1.0, self.baseline_effect + MARGIN))
+        return bool(not self.measured or self.effect_size > max(1.0, self.baseline_effect + MARGIN))
 
     @property
     def rated_better(self) -> bool:
@@ -100,6 +105,8 @@ class CorruptionEffect:
 
 # {metric: {corruption: effect}}, in the order of the registry.
 SensitivityMatrix = Mapping[str, Mapping[str, CorruptionEffect]]
+# {metric: {corruption: smallest dose from which on all are detected, by a value}}; None: not even the largest.
+SmallestDoses = Mapping[str, Mapping[str, float | None]]
 
 
 def sensitivity_matrix(
@@ -111,17 +118,63 @@ def sensitivity_matrix(
     seed: int = 0,
 ) -> SensitivityMatrix:
     """Evaluate all metrics of the registry on all corruptions; metrics undefined on these takes are left out."""
+    names = [each.name for each in (UNCORRUPTED, *corruptions)]
+    variants = [(each, strength) for each in (UNCORRUPTED, *corruptions)]
+    columns = list(_effects(takes, settings, encoder, variants, seed))
+    return {
+        metric: {name: column[metric] for name, column in zip(names, columns, strict=True)} for metric in columns[0]
+    }
+
+
+def smallest_doses(
+    takes: TakeSets,
+    settings: BootstrapSettings,
+    encoder: Encoder | None = None,
+    corruptions: Sequence[Corruption] = CORRUPTIONS,
+    seed: int = 0,
+) -> SmallestDoses:
+    """The smallest doses that each metric detects, for the corruptions that have doses."""
+    dosed = [each for each in corruptions if each.doses]
+    variants = [(each, each.strength(dose)) for each in dosed for dose in each.doses]
+    columns = _effects(takes, settings, encoder, variants, seed)
+    by_dose = {each.name: {dose: next(columns) for dose in each.doses} for each in dosed}
+    first = next(iter(by_dose[dosed[0].name].values()))
+    return {
+        metric: {
+            name: _smallest({dose: column[metric] for dose, column in doses.items()}) for name, doses in by_dose.items()
+        }
+        for metric in first
+    }
+
+
+def _smallest(effects: Mapping[float, CorruptionEffect]) -> float | None:
+    """The smallest dose above all that are not detected; None if there is none with a value."""
+    limit = max((dose for dose, effect in effects.items() if not effect.detected), default=0.0)
+    return min((dose for dose, effect in effects.items() if dose > limit and effect.measured), default=None)
+
+
+def _effects(
+    takes: TakeSets,
+    settings: BootstrapSettings,
+    encoder: Encoder | None,
+    variants: Iterable[tuple[Corruption, float]],
+    seed: int,
+) -> Iterator[dict[str, CorruptionEffect]]:
+    """The effect on each metric, for each corruption and strength; metrics undefined on these takes are left out."""
     fps = takes.reference[0][0].fps
     reference = accumulate(takes.reference, fps, encoder)
-    rows = {}
-    for corruption in (UNCORRUPTED, *corruptions):
+
+    def rows(corruption: Corruption, strength: float) -> list[MetricResult]:
         wrong = accumulate(_corrupted(takes, corruption, strength, seed), fps, encoder)
-        rows[corruption.name] = list(Comparison(wrong, reference, settings, paired=True).rows(METRICS))
-    found = {}
-    for index, true in enumerate(rows[UNCORRUPTED.name]):
-        if true.value is not None and true.reference is not None:
-            found[true.metric.name] = {name: _cell(each[index], true) for name, each in rows.items()}
-    return found
+        return list(Comparison(wrong, reference, settings, paired=True).rows(METRICS))
+
+    true = rows(UNCORRUPTED, 0.0)
+    for corruption, strength in variants:
+        yield {
+            row.metric.name: _cell(row, unchanged)
+            for row, unchanged in zip(rows(corruption, strength), true, strict=True)
+            if unchanged.value is not None and unchanged.reference is not None
+        }
 
 
 def _corrupted(takes: TakeSets, corruption: Corruption, strength: float, seed: int) -> list[list[Behaviour]]:
