@@ -11,12 +11,13 @@ import typer
 from talkingeyes.core.errors import InputError
 
 
-def _print_schema(wanted: bool) -> None:
+def _print_schema(wanted: bool) -> bool:
     if wanted:
         from talkingeyes.evaluation.benchmark.document import json_schema
 
         typer.echo(json.dumps(json_schema(), indent=1))
         raise typer.Exit
+    return wanted
 
 
 def evaluate(
