@@ -228,7 +228,7 @@ def write_results(study: OptunaStudy) -> None:
     metrics = {f"trials_{state}": float(count) for state, count in states.items()}
     if len(figures) == 1 and best:
         metrics[f"best_{figures[0]}"] = best[0].values[0]
-    log_study(Path(search.params["workspace"]), search.name, Report(metrics, artifacts))
+    log_study(Path(search.params["workspace"]), search.name, search.params["objective"], Report(metrics, artifacts))
     print(f"study {search.name}: {states['complete']} trials complete, {states['pruned']} pruned; {folder}")
     for trial in best:
         values = ", ".join(f"{name} {value:.4g}" for name, value in zip(figures, trial.values, strict=True))

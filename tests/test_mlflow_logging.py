@@ -104,11 +104,12 @@ def test_rows_of_a_study_are_nested_in_its_run(tmp_path, recorded_root):
         log_run(
             recorded_root, "experiment", "alive", PARAMS, set(), 0.0, row, ["sweep=free_running", f"weight={weight}"]
         )
-    log_study(recorded_root, "alive", Report({"trials_complete": 2.0}, [front]))
+    log_study(recorded_root, "alive", {"model": "vae"}, Report({"trials_complete": 2.0}, [front]))
     client = mlflow_client(recorded_root)
     runs = client.search_runs([client.get_experiment_by_name("experiments").experiment_id])
     (study,) = (run for run in runs if run.info.run_name == "alive")
     assert study.data.metrics == {"trials_complete": 2.0}
+    assert study.data.params == {"objective.model": "vae"}
     assert study.info.status == "FINISHED"
     assert [file.path for file in client.list_artifacts(study.info.run_id)] == ["pareto.png"]
     trials = [run for run in runs if run is not study]

@@ -114,13 +114,14 @@ def log_run(
                 client.log_text(_log(client, experiment, of_row), json.dumps(params, indent=1), "params.json")
 
 
-def log_study(root: Path, study: str, report: Report) -> None:
-    """Add metrics and files to the run of a study, in which the rows of its trials are nested."""
+def log_study(root: Path, study: str, objective: Mapping[str, Any], report: Report) -> None:
+    """Add objective, metrics and files to the run of a study, in which the rows of its trials are nested."""
     client = _client(root)
     with exclusive(root):
         experiment = get_experiment(client, root, "experiments", {TAG: saved_view()})
         run_id = _study_run(client, experiment, study, {"experiment": study, "revision": revision()})
-        _write(client, run_id, _Run(study, {}, report.metrics, {}, report.artifacts))
+        params = flatten({"objective": objective})
+        _write(client, run_id, _Run(study, params, report.metrics, {}, report.artifacts))
 
 
 def _study_run(client: Any, experiment: str, study: str, tags: Mapping[str, str]) -> str:
