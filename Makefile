@@ -42,7 +42,7 @@ $(VENV)/.stamp: requirements.lock pyproject.toml
 
 # A model learns on one core, and DVC runs one stage after the other: two rows of stages run side by side, first of
 # training, then of measuring (-s: what is before them is there). `dvc repro` alone gives the same; here it makes what is
-# left, and says what failed.
+# left, and says what failed. A row waits for the other's lock: DVC gives up after three seconds.
 ONE_CORE = pretrain@gaze_frames train@talkingeyes_paper sample@talkingeyes_paper train@vae sample@vae critic \
 	pretrain@gaze_patches train@talkingeyes sample@talkingeyes information@talkingeyes
 OTHER_CORE = pretrain@face train@probtalk3d sample@probtalk3d train@talkingeyes_events sample@talkingeyes_events \
@@ -65,8 +65,9 @@ repro: params  ## Run the chain; only what changed runs again. Another corpus: m
 	@test -z "$$($(BIN)/dvc status -q || echo changed)" || { \
 		$(BIN)/dvc repro fit embed && \
 		{ (export TALKINGEYES_PROGRESS=lines; \
-			$(BIN)/dvc repro -s $(ONE_CORE) & one=$$!; $(BIN)/dvc repro -s $(OTHER_CORE); wait $$one; \
-			$(BIN)/dvc repro -s $(ONE_HALF) & one=$$!; $(BIN)/dvc repro -s $(OTHER_HALF); wait $$one); \
+			row='$(BIN)/dvc --wait-for-lock repro -s'; \
+			$$row $(ONE_CORE) & one=$$!; $$row $(OTHER_CORE); wait $$one; \
+			$$row $(ONE_HALF) & one=$$!; $$row $(OTHER_HALF); wait $$one); \
 		$(BIN)/dvc repro; }; }
 	@cat data/report/summary.txt
 
