@@ -9,8 +9,9 @@ and fitted have it besides the others (`evaluate_face`).
 Reads: the corpus, data/fit, data/embed, data/critic, for a model data/sample/<model>.
 
 Writes: data/evaluate/<row>/metrics.json {split: {part: {metric: {value, low, high}}}}, speed.csv (fraction of frames
-that are faster), and benchmark.json: the gaze benchmark on both splits together, compared with all takes of the truth
-(in a corpus without truth: with the fitted motion). A corpus without truth has an empty row `truth`.
+that are faster); on both splits together aversion.json: what speech tells about gaze aversion, and benchmark.json: the
+gaze benchmark, compared with all takes of the truth (in a corpus without truth: with the fitted motion). A corpus
+without truth has an empty row `truth`.
 """
 
 from __future__ import annotations
@@ -30,10 +31,19 @@ from numpy import ndarray
 from pipelines.evaluate_face import REAL_ROWS, FaceInputPaths, has_face, has_face_samples, measure_faces
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
+from talkingeyes.corpus.fitted_clips import motion_path
+from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.recordings import Recording, Recordings
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus, shard_path
+from talkingeyes.evaluation.benchmark.aversion_information import (
+    LIVE_LOOKAHEAD_S,
+    SoundAversion,
+    aversion_information,
+    changes_per_s,
+    sound_aversion,
+)
 from talkingeyes.evaluation.benchmark.behaviour import with_references
 from talkingeyes.evaluation.benchmark.corr import CRITICS, SHUFFLED_SOUNDS, CorrScores, corr_scores
 from talkingeyes.evaluation.benchmark.paired import (
@@ -61,6 +71,8 @@ from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
 SPLITS = ("test", "unseen")
 # Speeds at which the distribution is written.
 SPEEDS_DEG_S = np.geomspace(0.1, 1000, 81)
+# Sounds of the train split that hazards of real gaze are fitted to: seven hours.
+MAX_TRAINING_SOUNDS = 3000
 # Starting a process takes as long as evaluating about twenty sounds.
 SOUNDS_PER_PROCESS = 40
 
@@ -80,10 +92,11 @@ class InputPaths:
 
 @dataclass(frozen=True)
 class SoundResult:
-    """Results of a sound: metrics by part, and its statistics for the benchmark."""
+    """Results of a sound: metrics by part, its statistics for the benchmark, and when gaze is averted."""
 
     figures: dict[str, ClipMetrics]
     benchmark: SoundStatistics
+    aversion: SoundAversion
 
 
 def run(workspace: Workspace, name: str) -> Report:
@@ -106,11 +119,12 @@ def run(workspace: Workspace, name: str) -> Report:
     evaluators = Evaluators.load(paths.critic) if eyes else None
     jobs = min(workspace.jobs, 1 + len(work) // SOUNDS_PER_PROCESS)
     measured = parallel_map(partial(evaluate, paths, evaluators), eyes, jobs, f"evaluate {name}")
-    benchmark = PairedAccumulator()
+    benchmark, aversions = PairedAccumulator(), list[SoundAversion]()
     for item, one in zip(eyes, measured, strict=True):
         if one is None:
             continue
         benchmark.add(one.benchmark)
+        aversions.append(one.aversion)
         for part, of_part in one.figures.items():
             found[item.takes[0].split][part].append(of_part)
     figures = {
@@ -123,8 +137,34 @@ def run(workspace: Workspace, name: str) -> Report:
     with workspace.output("evaluate", name) as folder:
         (folder / "metrics.json").write_text(json.dumps(_plain(figures), indent=1))
         (folder / "benchmark.json").write_text(benchmark.table(settings.bootstrap).json())
+        if aversions:
+            of_aversion = _aversion(workspace, paths, aversions, settings)
+            (folder / "aversion.json").write_text(json.dumps(of_aversion, indent=1))
         _write_speeds(folder / "speed.csv", found)
     return Report(metrics=_flat(figures), artifacts=[data("evaluate", name, "metrics.json")])
+
+
+def _aversion(
+    workspace: Workspace, paths: InputPaths, sounds: Sequence[SoundAversion], settings: EvaluateSettings
+) -> dict[str, Any]:
+    """Information of speech about gaze aversion. Real motion has a take for most sounds, too few to fit the regression,
+    which is fitted to that of the train split too; its row has the most that a live model can follow besides."""
+    further: list[SoundAversion] = []
+    if paths.row in REAL_ROWS:
+        clips = Corpus(paths.corpus).select("train", take=0)[:MAX_TRAINING_SOUNDS]
+        further = list(parallel_map(partial(_real_aversion, paths), clips, workspace.jobs, f"aversion {paths.row}"))
+    bounds_s = {"information": np.inf} | ({"live_information": LIVE_LOOKAHEAD_S} if further else {})
+    found = {
+        name: asdict(aversion_information(sounds, settings.bootstrap, further, ahead_s))
+        for name, ahead_s in bounds_s.items()
+    }
+    return found | {"changes_per_s": changes_per_s(sounds)}
+
+
+def _real_aversion(paths: InputPaths, clip: Clip) -> SoundAversion:
+    corpus = Corpus(paths.corpus)
+    motion = corpus.truth(clip) if paths.row == "truth" else Motion.load(motion_path(paths.fit, clip))
+    return sound_aversion(clip.speaker, motion_behaviours([motion], corpus.annotation(clip)))
 
 
 def _faces(
@@ -200,7 +240,7 @@ def evaluate(paths: InputPaths, evaluators: Evaluators | None, item: SoundGroup)
     counts = sound_statistics(
         motion_sets, seen.scores, evaluators.critics, evaluators.encoder, seen.speech, seen.others
     )
-    return SoundResult(seen.figures, counts)
+    return SoundResult(seen.figures, counts, sound_aversion(item.clip.speaker, motion_sets.evaluated))
 
 
 def _compared(paths: InputPaths, item: SoundGroup, samples: Samples, true: list[Motion] | None) -> MotionSets:

@@ -137,10 +137,11 @@ def compute(workspace: Workspace, recorded: Path | None) -> dict[str, Any]:
     rows = {name: _json(workspace.data("evaluate", name, "metrics.json")) for name in (*names, "fitted")}
     pages = {name: _json(workspace.data("evaluate", name, "benchmark.json")) for name in names}
     tables = {name: from_json(page) for name, page in pages.items()}
+    aversions = {name: _json(workspace.data("evaluate", name, "aversion.json")) for name in (*names, "fitted")}
     return {
         "schema": "talkingeyes.field_baselines/1",
         "sounds": pages[DEFAULT]["sounds"],
-        "requirements": to_json({name: model_requirements(rows, tables, name) for name in names}),
+        "requirements": to_json({name: model_requirements(rows, tables, aversions, name) for name in names}),
         "benchmark": {name: compare(tables[DEFAULT], tables[name]) for name in GENERATORS},
         "people": None if recorded is None else compare_people(workspace, recorded),
     }

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from pipelines import embed, evaluate, fit, information, sample, synthesize
+from pipelines.report import aversion_table
 from talkingeyes.animation.model_file import ASSETS
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
@@ -67,13 +68,17 @@ def run() -> None:
     settings = workspace.settings("validate", ValidateSettings)
     informed = {name: information.summarise(found, settings) for name, found in likelihoods.items()}
     languages = _language_table(workspace, sounds, likelihoods[MODELS[0]], settings)
+    aversions = {name: json.loads(workspace.data("evaluate", name, "aversion.json").read_text()) for name in rows}
     required = {
-        name: [each for each in model_requirements(rows, benchmarks, name) if not each.name.startswith("test:")]
+        name: [
+            each for each in model_requirements(rows, benchmarks, aversions, name) if not each.name.startswith("test:")
+        ]
         for name in rows
     }
     timing = {name: [each for each in found if each.metric.extractor is CURVES] for name, found in benchmarks.items()}
     section = _section(
         information_table(informed, TITLES),
+        aversion_table(aversions),
         benchmark_markdown(timing, TITLES),
         languages,
         model_requirements_table(required),
@@ -148,7 +153,7 @@ def _language_table(
     return markdown_table(headings, lines)
 
 
-def _section(informed: str, timing: str, languages: str, requirements: str) -> str:
+def _section(informed: str, averted: str, timing: str, languages: str, requirements: str) -> str:
     files = "\n".join(
         f"- `{path.name}`: sha256 `{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}`"
         for path in sorted(ASSETS.iterdir())
@@ -167,6 +172,10 @@ Sealed corpus: sha256 of its index `{corpus}`.
 ### Information that speech gives about motion, nats per second
 
 {informed}
+
+### Information of speech about averted gaze, nats per second
+
+{averted}
 
 ### Averted gaze around events of speech
 

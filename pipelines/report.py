@@ -30,6 +30,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus, shard_path
+from talkingeyes.evaluation.benchmark.aversion_information import LIVE_LOOKAHEAD_S
 from talkingeyes.evaluation.benchmark.comparison import MetricResult
 from talkingeyes.evaluation.benchmark.metric_class import count_learnt
 from talkingeyes.evaluation.benchmark.strip_plot import plot_strips
@@ -53,6 +54,7 @@ from talkingeyes.evaluation.paper_metrics.table3 import (
     MethodMetrics,
     critic_table,
     markdown,
+    markdown_table,
     order_rows,
     to_csv,
 )
@@ -85,6 +87,13 @@ In nats per second, with intervals over speakers: log-likelihood of fitted motio
 without speech. Head given speech, gaze given speech and head; total: both. Above 0: what was learnt from speech holds
 for sounds that were not trained on. It says something only beside the last column: two untrained networks differ by
 chance, as much under another sound of the speaker. Random and other rows without a likelihood have no line.
+"""
+AVERSION = f"""### Information of speech about averted gaze
+
+In nats per second, with intervals over speakers, on test and unseen together: what events of speech (onsets, offsets,
+turns, hesitations, fillers) tell about when gaze leaves the partner and returns. It is measured in the motion, so
+every row has it; 0: none; below 0: what the regression overfits. At most {LIVE_LOOKAHEAD_S:g} s ahead: the most that
+the live model can follow. Gaze that hardly changes has much of it: read it with the changes.
 """
 REQUIREMENTS = """### What a model must reach
 
@@ -120,20 +129,23 @@ def run(workspace: Workspace) -> Report:
     benchmarks = _benchmarks(workspace.data("evaluate"), order_rows(eyes))
     informed = {path.parent.name: _json(path) for path in workspace.data("information").glob("*/metrics.json")}
     informed = {name: informed[name] for name in order_rows(eyes) if name in informed}
+    aversions = {path.parent.name: _json(path) for path in workspace.data("evaluate").glob("*/aversion.json")}
     tied = {name: row for name, row in informed.items() if _uses_sound(row)}
     upstream = [*critic_requirements(eyes), *_upstream(workspace.data("fit", "table8.json"), counts)]
-    required = {name: model_requirements(eyes, benchmarks, name) for name in order_rows(eyes)}
+    required = {name: model_requirements(eyes, benchmarks, aversions, name) for name in order_rows(eyes)}
     with workspace.output("report") as folder:
         (folder / "metrics.json").write_text(json.dumps(_values(rows), indent=1))
         (folder / "requirements.json").write_text(json.dumps(to_json(required), indent=1))
         (folder / "table3.csv").write_text(to_csv(eyes))
         critic = _json(workspace.data("critic", "report.json"))
         notes = workspace.data("critic", "notes.txt").read_text()
-        (folder / "table3.md").write_text(_page(eyes, critic, notes, upstream, required, benchmarks, informed))
-        (folder / "summary.txt").write_text(report_summary(rows, tied, required, upstream, "data/report"))
+        (folder / "table3.md").write_text(
+            _page(eyes, critic, notes, upstream, required, benchmarks, informed, aversions)
+        )
+        (folder / "summary.txt").write_text(report_summary(rows, tied, aversions, required, upstream, "data/report"))
         (folder / "rows").mkdir()
         for name, row in rows.items():
-            figures = row_metrics(row, tied.get(name), required.get(name, ()))
+            figures = row_metrics(row, tied.get(name), aversions.get(name), required.get(name, ()))
             (folder / "rows" / f"{name}.json").write_text(json.dumps(figures, indent=1) + "\n")
         (folder / "face.md").write_text(FACES + face_markdown(rows))
         plot_strips(
@@ -150,6 +162,8 @@ def run(workspace: Workspace) -> Report:
     artifacts = [path for path in sorted(workspace.data("report").iterdir()) if path.suffix]
     pictures = [path for path in artifacts if path.suffix in (".png", ".md")]
     compared = {name: _compared(workspace, name, rows, informed.get(name, {}), required.get(name, ())) for name in rows}
+    for name, found in aversions.items():
+        compared[name]["aversion_information"] = found["information"]["value"]
     return Report(
         metrics={
             f"requirements_missed/{name}": float(sum(not each.is_met for each in required[name])) for name in required
@@ -170,10 +184,12 @@ def _page(
     required: Mapping[str, Sequence[Requirement]],
     benchmarks: Mapping[str, Sequence[MetricResult]],
     informed: Mapping[str, Any],
+    aversions: Mapping[str, Any],
 ) -> str:
     parts = [INTRODUCTION]
     if informed:
         parts += [INFORMATION, information_table(informed, TITLES), ""]
+    parts += [AVERSION, aversion_table(aversions), ""]
     parts += [REQUIREMENTS, model_requirements_table(required), "", markdown(rows), BENCHMARK]
     parts += [
         learnt_counts(benchmarks),
@@ -186,6 +202,18 @@ def _page(
         notes,
     ]
     return "\n".join(parts)
+
+
+def aversion_table(aversions: Mapping[str, Any]) -> str:
+    """What speech tells about averted gaze in every row, as Markdown."""
+    headings = ["", "nats per second", f"at most {LIVE_LOOKAHEAD_S:g} s ahead", "changes per second"]
+    rows = []
+    for name in order_rows(aversions):
+        found = aversions[name]
+        estimates = [found.get(key) for key in ("information", "live_information")]
+        cells = ["{value:.4f} ({low:.4f} to {high:.4f})".format(**each) if each else "" for each in estimates]
+        rows.append([TITLES.get(name, name), *cells, f"{found['changes_per_s']:.2f}"])
+    return markdown_table(headings, rows)
 
 
 def _uses_sound(row: Mapping[str, Any]) -> bool:

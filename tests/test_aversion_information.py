@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from benchmarks.aversion_information import Aversion, aversion, aversion_information
 from talkingeyes.audio.annotation import Annotation, Span
+from talkingeyes.evaluation.benchmark.aversion_information import (
+    SoundAversion,
+    aversion_information,
+    changes_per_s,
+    speech_events,
+)
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
 
-FPS, FRAMES = 25.0, 250
+BINS, BIN_S = 125, 0.08
+BOOTSTRAP = BootstrapSettings(n_resamples=200, confidence_level=0.95, seed=0)
+TIMES_S = (np.arange(BINS) + 0.5) * BIN_S
 
 
 def annotation(random: np.random.Generator) -> Annotation:
@@ -16,31 +26,53 @@ def annotation(random: np.random.Generator) -> Annotation:
     return Annotation(speaking=(Span(0.0, pause), Span(pause + 1.0, 10.0)))
 
 
-def motions(follows_speech: bool) -> list[Aversion]:
+def motions(follows_speech: bool, samples: int = 1, seed: int = 0) -> list[SoundAversion]:
     """Gaze of 40 speakers with 10 sounds each, averted for a second at the onset of its sound or of another."""
-    random, found = np.random.default_rng(0), []
+    random, found = np.random.default_rng(seed), []
     for index in range(400):
         own, other = annotation(random), annotation(random)
-        onset = (own if follows_speech else other).speaking[1].start_s
-        times_s = np.arange(FRAMES) / FPS
-        averted = np.abs(times_s - onset - random.normal(0, 0.2)) < 0.5
-        found.append(aversion(f"s{index % 40}", FPS, averted, own))
+        onset_s = (own if follows_speech else other).speaking[1].start_s
+        averted = np.abs(TIMES_S - onset_s - random.normal(0, 0.2, (samples, 1))) < 0.5
+        speech = speech_events(own, TIMES_S, 10.0)
+        found.append(SoundAversion(f"s{index % 40}", averted, speech, samples * 10.0))
     return found
 
 
 def test_gaze_that_follows_speech_has_information_and_other_gaze_none():
-    own, other = aversion_information(motions(True)), aversion_information(motions(False))
+    own, other = (aversion_information(motions(follows), BOOTSTRAP) for follows in (True, False))
     assert own.low > 0.1
     assert own.low < own.value < own.high
     assert -0.02 < other.value < 0.02
 
 
+def test_several_motions_of_a_sound_and_further_ones_give_the_same_with_less_overfitting():
+    several = aversion_information(motions(True, samples=3), BOOTSTRAP)
+    few = motions(True, seed=1)[:80]
+    alone, further = aversion_information(few, BOOTSTRAP), aversion_information(few, BOOTSTRAP, motions(True))
+    assert alone.value < further.value
+    assert abs(further.value / several.value - 1) < 0.25
+
+
+def test_events_to_come_are_left_out_for_a_live_model():
+    early = [replace(each, averted=np.roll(each.averted, -20, axis=1)) for each in motions(True)]  # 1.6 s before
+    whole, live = (aversion_information(early, BOOTSTRAP, lookahead_s=bound_s) for bound_s in (np.inf, 0.25))
+    assert whole.low > 0.1
+    assert live.high < whole.value / 2
+
+
+def test_still_gaze_has_none():
+    still = [replace(each, averted=np.zeros_like(each.averted)) for each in motions(True)]
+    assert aversion_information(still, BOOTSTRAP).value == 0
+    assert changes_per_s(still) == 0
+
+
 def test_bins_hold_changes_and_events():
-    averted = np.zeros(FRAMES, bool)
-    averted[50:100] = True
-    one = aversion("ann", FPS, averted, Annotation(speaking=(Span(0.0, 3.0), Span(4.0, 10.0))))
-    assert np.flatnonzero(one.changes).tolist() == [24, 49], "the bins before frames 50 and 100"
-    assert one.averted.sum() == 25
-    assert one.seconds == 10.0
-    assert one.age.sum(axis=1).tolist() == [1.0] * len(one.age)
-    assert one.speech[:, :16].any(axis=1).sum() == 50, "two seconds before and after the onset at 4 s"
+    averted = np.zeros((1, BINS), bool)
+    averted[:, 25:50] = True
+    speech = speech_events(Annotation(speaking=(Span(0.0, 3.0), Span(4.0, 10.0))), TIMES_S, 10.0)
+    one = SoundAversion("ann", averted, speech, 10.0)
+    assert np.flatnonzero(one.changes[0]).tolist() == [24, 49], "the bins before the changes"
+    assert changes_per_s([one]) == 0.2
+    assert one.age.sum(axis=2).tolist() == [[1.0] * (BINS - 1)]
+    assert one.age[0, [25, 49], 0].tolist() == [1, 0], "a change, and 24 bins after it"
+    assert speech[:, :16].any(axis=1).sum() == 50, "two seconds before and after the onset at 4 s"

@@ -161,7 +161,7 @@ def test_rows_of_a_workspace_beside_its_models(workspace):
     assert not (workspace.root / "data/sample/uniform_eyes").exists()  # the chain's folders are left alone
     assert not (workspace.root / "data/evaluate/uniform_eyes").exists()
     text = page(content)
-    assert "Not measured" in text and "| **met** | 19 |" in text
+    assert "Not measured" in text and "| **met** | 20 |" in text
 
 
 def test_an_unfinished_chain_is_named(tmp_path):

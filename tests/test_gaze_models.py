@@ -1,5 +1,6 @@
 """Gaze signals, stays, the VQ-VAE, and the contract of all gaze generators."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy import CHANNELS, recordings
 
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.gaze.categorical import stay_mask
 from talkingeyes.models.gaze.gaze_signal import find_stays, mirror_motion, to_gaze, to_signal
 from talkingeyes.models.gaze.generator import GazeCondition
@@ -30,6 +32,7 @@ VAE = {
 }
 CLEAN = {"kind": "teacher_forcing"}
 HALF = {"truth": 0.5, "posterior": 0.5, "prior": 0.0}
+NO_GUIDANCE = {"head": 1.0, "gaze": 1.0}
 GAZE: dict[str, dict[str, Any]] = {
     "categorical": {
         "transformer": TRANSFORMER,
@@ -134,7 +137,13 @@ def codebook(patch: int, tolerance: float | None, quantiser: dict[str, Any] = CO
     return network.freeze()
 
 
-def model(kind: str, head_frames: int | None = 25, head_mix: dict[str, float] = HALF) -> SpeechToMotion:
+def model(
+    kind: str,
+    head_frames: int | None = 25,
+    head_mix: dict[str, float] = HALF,
+    guidance: Mapping[str, float] = NO_GUIDANCE,
+    channels: Sequence[str] | None = None,
+) -> SpeechToMotion:
     """A small untrained joint model."""
     member = MEMBERS[kind]
     patch, tolerance = (4, 1.0) if member.kind == "categorical" else (1, None)
@@ -145,9 +154,10 @@ def model(kind: str, head_frames: int | None = 25, head_mix: dict[str, float] = 
             kind="speech_to_motion",
             parts=("head", "gaze"),
             tokenizer=None,
-            speech={"channels": None, "width": 12, "layers": 2, "dropout": 0.0, "channel_dropout": 0.0},
+            speech={"channels": channels, "width": 12, "layers": 2, "dropout": 0.0, "channel_dropout": 0.0},
             head=VAE | {"kind": "vae", "norm": "standardised_mean", "latent_frames": head_frames},
             gaze={"kind": member.kind, **GAZE[member.kind], **member.changes},
+            guidance_scale=guidance,
             conditions=(),
             head_mix=head_mix,
             weights={"head_reconstruction": 1.0, "head_kl": 0.1},
@@ -386,6 +396,28 @@ def test_gaze_is_trained_on_true_posterior_and_prior_heads_in_proportion() -> No
     assert seen[0].normalised_head[~true].std(0).mean() > 1e-3
     with pytest.raises(ValueError, match="truth, posterior and prior should be 1 together"):
         model("vae", head_mix={"truth": 0.5, "posterior": 0.2, "prior": 0.2})
+
+
+@pytest.mark.parametrize("kind", ["vae", "point_process"])
+def test_guidance_moves_features_away_from_those_of_mean_speech(kind: str) -> None:
+    plain, guided = (model(kind, guidance=NO_GUIDANCE | {"gaze": scale}) for scale in (1.0, 2.0))
+    sound, seeds = batch(1, 60).speech[0], [1, 2]
+    one, other = plain.generate(sound, seeds), guided.generate(sound, seeds)
+    assert torch.equal(one.head, other.head)
+    assert not torch.allclose(one.gaze, other.gaze, atol=1e-4)
+    features = plain.encode_speech(sound[None], NO_CONDITIONING).gaze
+    mean = plain.encode_speech(plain.speech.mean.expand_as(sound)[None], NO_CONDITIONING).gaze
+    expected = plain._gaze((2 * features - mean).expand(2, -1, -1), one.head, seeds, None)
+    torch.testing.assert_close(other.gaze, expected, atol=1e-5, rtol=0)
+    # Training and likelihood have none.
+    data = batch()
+    torch.testing.assert_close(guided.log_likelihood(data), plain.log_likelihood(data))
+
+
+def test_guidance_changes_nothing_without_speech() -> None:
+    deaf, guided = (model("vae", guidance={"head": scale, "gaze": scale}, channels=[]) for scale in (1.0, 3.0))
+    sound = batch(1, 60).speech[0]
+    torch.testing.assert_close(guided.generate(sound, [1]).gaze, deaf.generate(sound, [1]).gaze)
 
 
 def test_prior_head_depends_only_on_speech() -> None:

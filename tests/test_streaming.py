@@ -95,6 +95,16 @@ def test_codes_of_gaze_can_be_streamed_too(live: LiveModel, codes: LiveModel) ->
     assert codes.latency_s == pytest.approx(live.latency_s + 0.08)  # a code is two frames longer than a bin
 
 
+def test_a_guided_stream_is_what_the_whole_speech_gives(live: LiveModel, tmp_path: Path) -> None:
+    guided = LiveModel.load(write_live_model(tmp_path / "model", guidance_scale={"head": 1.0, "gaze": 3.0}))
+    sound = speech()
+    whole, plain = guided.generate_offline(sound, 4), live.generate_offline(sound, 4)
+    for sizes in ([640], [1, 7000, 333, 0]):
+        close(streamed(guided, sound, sizes), whole)
+    np.testing.assert_array_equal(whole.head, plain.head)
+    assert np.abs(whole.gaze - plain.gaze).max() > 1e-3
+
+
 def test_output_moves_and_depends_on_the_seed(live: LiveModel) -> None:
     one, other = live.generate_offline(speech(), 1), live.generate_offline(speech(), 2)
     assert eye_speed_deg_s(one.gaze[None], live.fps).max() > 10

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -60,10 +61,13 @@ class MotionStream:
         self._network, parts = network, StreamingModules.of(network)
         self._stack, self._step = parts.speech, parts.gaze.step_frames
         chosen = float(network.temperature) if temperature is None else temperature
-        self._speech, self._head = parts.speech.stream(), parts.head.stream(seed)
+        self._guidance = network.settings.guidance_scale
+        self._speech = parts.speech.stream()
+        self._mean_speech = None if self._guidance.is_one else parts.speech.stream()
+        self._head = parts.head.stream(seed)
         self._gaze = parts.gaze.stream(seed, chosen)
         self._frames_to_skip = parts.speech.lookahead  # outputs before the first frame
-        self._pending_features = torch.zeros(1, 0, network.settings.speech.width)  # less than one step
+        self._pending_features = torch.zeros(2, 0, network.settings.speech.width)  # for head and gaze; less than a step
 
     @torch.inference_mode()
     def push(self, embedding: Float[Tensor, "T C"]) -> GeneratedMotion:
@@ -84,7 +88,13 @@ class MotionStream:
     def _push_embedding(self, standardise: Float[Tensor, "1 T H"]) -> GeneratedMotion:
         if not standardise.shape[1]:
             return concat_motions([])
-        features = torch.from_numpy(self._speech.step(standardise[0].numpy()))[None]
+        frames = standardise[0].numpy()
+        features = torch.from_numpy(self._speech.step(frames))[None]
+        mean = None
+        if self._mean_speech is not None:
+            mean = torch.from_numpy(self._mean_speech.step(np.zeros_like(frames)))[None]
+        guided = self._guidance.apply(features, mean)
+        features = torch.cat([guided.head, guided.gaze])
         early = min(self._frames_to_skip, features.shape[1])
         self._frames_to_skip -= early
         self._pending_features = torch.cat([self._pending_features, features[:, early:]], dim=1)
@@ -94,10 +104,10 @@ class MotionStream:
             self._pending_features = self._pending_features[:, self._step :]
         return concat_motions(parts)
 
-    def _generate_step(self, speech: Float[Tensor, "1 P S"]) -> GeneratedMotion:
+    def _generate_step(self, speech: Float[Tensor, "2 P S"]) -> GeneratedMotion:
         """Motion of one step, or of its beginning at the end of the stream."""
-        head = self._head.step(speech)
-        return GeneratedMotion(head, self._gaze.step(GazeCondition(speech, head, self._network.head.normal(head))))
+        head = self._head.step(speech[:1])
+        return GeneratedMotion(head, self._gaze.step(GazeCondition(speech[1:], head, self._network.head.normal(head))))
 
 
 def concat_motions(parts: Sequence[GeneratedMotion]) -> GeneratedMotion:

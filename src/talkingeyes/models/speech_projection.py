@@ -72,6 +72,12 @@ class SpeechProjection(nn.Module):
         features: Tensor = self.stack(self.drop(self.standardise(embedding).transpose(1, 2)).transpose(1, 2))
         return features
 
+    def mean_features(self, frames: int) -> Float[Tensor, "1 T S"]:
+        """Features of mean speech: all standardised channels are zero."""
+        zeros = self.mean.new_zeros(1, frames, max(len(self.channel_indices), 1))
+        features: Tensor = self.stack(zeros)
+        return features
+
     def standardise(self, embedding: Float[Tensor, "B T C"]) -> Float[Tensor, "B T H"]:
         """Standardised input channels; one channel of zeros for a model without speech input."""
         if not len(self.channel_indices):

@@ -66,6 +66,26 @@ class HeadMixSettings(Settings):
         return self
 
 
+class GuidanceScaleSettings(Settings):
+    """Factors on the deviation of speech features from those of mean speech (all standardised channels zero) when
+    motion is sampled; 1: none. They strengthen what speech changes, without training. After Ho & Salimans 2022, who
+    extrapolate the output of a network in place of its features."""
+
+    head: Annotated[float, Field(gt=0)]
+    gaze: Annotated[float, Field(gt=0)]
+
+    @property
+    def is_one(self) -> bool:
+        """Whether features stay as they are."""
+        return self.head == self.gaze == 1
+
+    def apply(self, features: Float[Tensor, "B T S"], mean_speech: Float[Tensor, "B T S"] | None) -> ConditionFeatures:
+        """Features for head and for gaze; those of mean speech are needed unless both scales are 1."""
+        if mean_speech is None:
+            return ConditionFeatures.shared(features)
+        return ConditionFeatures(*(torch.lerp(mean_speech, features, scale) for scale in (self.head, self.gaze)))
+
+
 class SpeechToMotionSettings(Settings):
     """Components of the model. Weights are keyed by loss term (eq. 15)."""
 
@@ -75,6 +95,7 @@ class SpeechToMotionSettings(Settings):
     # The pretrained codebook that the gaze generator needs; null: none.
     tokenizer: str | None
     speech: CausalSpeechProjectionSettings | WaveformSpeechSettings | SpeechProjectionSettings
+    guidance_scale: GuidanceScaleSettings
     # Conditioning besides the own speech: entries of models/condition/, perhaps none.
     conditions: tuple[ConditionSettings, ...]
     head: HeadComponentSettings
@@ -182,16 +203,26 @@ class SpeechToMotion(nn.Module):
     def encode_speech(self, embedding: Float[Tensor, "B T C"], conditioning: ConditioningInputs) -> ConditionFeatures:
         """Speech features concatenated with all condition vectors, per frame. Raises InputError if the model needs the
         waveform and it is missing."""
+        return self._add_conditions(
+            ConditionFeatures.shared(self._speech_features(embedding, conditioning)), conditioning
+        )
+
+    def _speech_features(
+        self, embedding: Float[Tensor, "B T C"], conditioning: ConditioningInputs
+    ) -> Float[Tensor, "B T S"]:
         if self.waveform_encoder is not None:
             if conditioning.sound is None:
                 raise InputError("speech.waveform_encoder: should be given the sound of the speech, got none")
             embedding = torch.cat([embedding, self.waveform_encoder(conditioning.sound, embedding.shape[1])], dim=-1)
         features: Tensor = self.speech(embedding)
-        condition_features = [each.forward(conditioning, len(features)) for each in self.conditioners]
-        head = _concat_features(features, [each.head for each in condition_features])
-        same_for_both = all(each.gaze is each.head for each in condition_features)
+        return features
+
+    def _add_conditions(self, speech: ConditionFeatures, conditioning: ConditioningInputs) -> ConditionFeatures:
+        condition_features = [each.forward(conditioning, len(speech.head)) for each in self.conditioners]
+        head = _concat_features(speech.head, [each.head for each in condition_features])
+        same_for_both = speech.gaze is speech.head and all(each.gaze is each.head for each in condition_features)
         return ConditionFeatures(
-            head, head if same_for_both else _concat_features(features, [each.gaze for each in condition_features])
+            head, head if same_for_both else _concat_features(speech.gaze, [each.gaze for each in condition_features])
         )
 
     def loss_terms(self, batch: MotionBatch) -> dict[str, Tensor]:
@@ -276,8 +307,13 @@ class SpeechToMotion(nn.Module):
     def _encode_utterance(
         self, embedding: Float[Tensor, "T C"], conditioning: ConditioningInputs, rows: int
     ) -> ConditionFeatures:
+        """Features of a whole speech for sampling, with guidance."""
         device = self.temperature.device
-        one = self.encode_speech(embedding[None].to(device), conditioning.to(device))
+        conditioning = conditioning.to(device)
+        features = self._speech_features(embedding[None].to(device), conditioning)
+        scale = self.settings.guidance_scale
+        guided = scale.apply(features, None if scale.is_one else self.speech.mean_features(len(embedding)))
+        one = self._add_conditions(guided, conditioning)
         return ConditionFeatures(one.head.expand(rows, -1, -1), one.gaze.expand(rows, -1, -1))
 
     def _gaze(

@@ -74,6 +74,7 @@ class NumpyMotionGenerator:
         model, tensors = checkpoint.config["model"], checkpoint.tensors
         self.speakers: tuple[str, ...] = tuple(checkpoint.config["speakers"]) if model["conditions"] else ()
         self._scales = model["conditions"][0]["embedding_scale"] if model["conditions"] else None
+        self._guidance_scale: dict[str, float] = model["guidance_scale"]
         self._tensors, self._speech = tensors, SpeechProjection(tensors, model["speech"])
         self._head = _Process.of(
             tensors_under(tensors, "head.process"), model["head"]["process"], model["head"]["temperature"]
@@ -89,9 +90,13 @@ class NumpyMotionGenerator:
     ) -> Samples:
         """Sample head and gaze; `speaker` is an index of `speakers`, None: unconditional. A seed gives the same motion
         in any batch."""
-        speech = self._speech(embedding)
-        head = self._sample_head(self._with_speaker(speech, speaker, "head"), seeds)
-        gaze = self._sample_gaze(self._with_speaker(speech, speaker, "gaze"), head, seeds)
+        speech, mean = self._speech(embedding), self._speech.mean_features(len(embedding))
+        conditions = {
+            part: self._with_speaker(mean + np.float32(scale) * (speech - mean), speaker, part)
+            for part, scale in self._guidance_scale.items()
+        }
+        head = self._sample_head(conditions["head"], seeds)
+        gaze = self._sample_gaze(conditions["gaze"], head, seeds)
         return Samples(fps, head.astype(float), gaze.astype(float))
 
     def _with_speaker(self, speech: Float[ndarray, "1 T S"], speaker: int | None, part: str) -> Float[ndarray, "1 T F"]:

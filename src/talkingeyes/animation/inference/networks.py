@@ -58,7 +58,11 @@ class SpeechProjection:
     def __call__(self, embedding: Float[ndarray, "T C"]) -> Float[ndarray, "1 T S"]:
         """Features of one speech."""
         standardised = ((embedding.astype(np.float32) - self._mean) / self._std)[:, self._channels]
-        return self._stack(standardised[None] if len(self._channels) else np.zeros((1, len(embedding), 1), np.float32))
+        return self._stack(standardised[None]) if len(self._channels) else self.mean_features(len(embedding))
+
+    def mean_features(self, frames: int) -> Float[ndarray, "1 T S"]:
+        """Features of mean speech: all standardised channels are zero."""
+        return self._stack(np.zeros((1, frames, max(len(self._channels), 1)), np.float32))
 
 
 class WindowTransformer:

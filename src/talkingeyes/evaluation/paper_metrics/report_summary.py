@@ -10,13 +10,13 @@ from talkingeyes.evaluation.paper_metrics.table3 import TITLES, MethodMetrics, m
 
 SPLIT = "unseen"
 COLUMNS = (
-    ("Diversity / truth", "gaze", "diversity_ratio"),
-    ("eye speed / truth", "gaze", "speed_ratio"),
+    ("Diversity", "gaze", "diversity_ratio"),
+    ("eye speed", "gaze", "speed_ratio"),
     ("Corr. eyes", "gaze", "corr"),
     ("Corr. head", "head", "corr"),
 )
 FACE_METRICS = (("face_mve_mm", "face", "mve"), ("face_lve_mm", "face", "lve"))
-INFORMATION = "speech, nats/s"
+INFORMATION, AVERSION = "speech, nats/s", "aversion, nats/s"
 MET = "requirements met"
 MAX_MISSED = 4
 
@@ -24,24 +24,27 @@ MAX_MISSED = 4
 def report_summary(
     rows: Mapping[str, MethodMetrics],
     informed: Mapping[str, Mapping[str, Any]],
+    aversions: Mapping[str, Mapping[str, Any]],
     required: Mapping[str, Sequence[Requirement]],
     upstream: Sequence[Requirement],
     folder: str,
 ) -> str:
-    """The summary. `informed`: rows of the stage `information`; `required`: of each model; `upstream`: of the stages
-    before; `folder`: where the report is."""
+    """The summary. `informed`: rows of the stage `information`; `aversions`: what speech tells about averted gaze, of
+    each row; `required`: of each model; `upstream`: of the stages before; `folder`: where the report is."""
     gaze = {name: row for name, row in rows.items() if metric(row, SPLIT, "gaze", "speed")}
-    cells = [["", INFORMATION, *(title for title, _, _ in COLUMNS), MET]]
+    cells = [["", INFORMATION, AVERSION, *(title for title, _, _ in COLUMNS), MET]]
     for name in order_rows(gaze):
         known = information_on_unseen(informed.get(name))
         information = "" if known is None else f"{known:.2f}"
-        cells.append([TITLES.get(name, name), information, *_figures(rows[name]), _met(required[name])])
+        averted = f"{aversions[name]['information']['value']:.3f}" if name in aversions else ""
+        cells.append([TITLES.get(name, name), information, averted, *_figures(rows[name]), _met(required[name])])
     widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
     table = ["  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])]) for line in cells]
     missed = [each for each in upstream if not each.is_met]
     return "\n".join(
         [
-            "Speakers without training data (unseen); requirements are of test and unseen:",
+            "Speakers without training data (unseen); Diversity and eye speed: ratios to the truth; aversion and",
+            "requirements: of test and unseen:",
             "",
             *table,
             *_faces(rows),
@@ -62,11 +65,15 @@ def information_on_unseen(row: Mapping[str, Any] | None) -> float | None:
 
 
 def row_metrics(
-    row: MethodMetrics, informed: Mapping[str, Any] | None, required: Sequence[Requirement]
+    row: MethodMetrics,
+    informed: Mapping[str, Any] | None,
+    aversion: Mapping[str, Any] | None,
+    required: Sequence[Requirement],
 ) -> dict[str, float]:
     """The figures of the summary of one row, which `dvc metrics show` prints as a line."""
     known = information_on_unseen(informed)
     first = {} if known is None else {"information": round(known, 4)}
+    first |= {} if aversion is None else {"aversion_information": round(aversion["information"]["value"], 4)}
     named = [*((f"{part}_{name}", part, name) for _, part, name in COLUMNS), *FACE_METRICS]
     found = {title: metric(row, SPLIT, part, name) for title, part, name in named}
     met = {"requirements_met": float(count_met(required))} if required else {}

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from talkingeyes.evaluation.benchmark.comparison import MetricResult
 from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, TITLES, MethodMetrics, markdown_table, metric
@@ -27,6 +28,8 @@ REST_BOUNDS = (0.95, 1.05)
 # Ties: Corr. less that under other sounds of the speaker, relative to fitted motion.
 TIED_PARTS = {"gaze": "eyes", "gaze_in_space": "gaze in space", "head": "head"}
 MIN_TIE = 0.6  # Similar Sample with 2,798 training sounds reaches 0.45 (0.35 to 0.56)
+# Information of speech about gaze aversion, relative to fitted motion.
+MIN_INFORMATION = 0.8
 ONSET_DROP, ONSET_BOUNDS = "speech_onset/drop", (0.8, 1.2)
 
 
@@ -68,13 +71,22 @@ class Requirement:
 
 
 def model_requirements(
-    rows: Mapping[str, MethodMetrics], benchmarks: Mapping[str, Sequence[MetricResult]], name: str
+    rows: Mapping[str, MethodMetrics],
+    benchmarks: Mapping[str, Sequence[MetricResult]],
+    aversions: Mapping[str, Mapping[str, Any]],
+    name: str,
 ) -> list[Requirement]:
-    """Margins and ties of one row, on each split. The same list, in the same order, for every row."""
+    """Margins and ties of one row, on each split. The same list, in the same order, for every row.
+
+    `aversions` has the aversion.json of each row of the stage `evaluate`.
+    """
     found = [each for split in SPLIT_TITLES for each in _of_split(rows, split, name)]
     drop, of_truth = (_benchmark_estimate(benchmarks.get(row, ()), ONSET_DROP) for row in (name, "truth"))
     title = "drop of averted gaze after speech onsets / truth"
     found.append(_relative(title, drop, of_truth["value"] if of_truth else None, *ONSET_BOUNDS))
+    own, fitted = (aversions.get(row, {}).get("information") for row in (name, "fitted"))
+    title = "information of speech about averted gaze / fitted motion"
+    found.append(_relative(title, own, max(fitted["value"], 0.0) if fitted else None, MIN_INFORMATION))
     return found
 
 
