@@ -118,7 +118,7 @@ release-models: setup  ## Train the packaged models on 20 hours of seven languag
 	for target in information@talkingeyes_live train@probtalk3d; do $(RELEASE) target=$$target || exit $$?; done
 	$(MAKE) --no-print-directory packaged-models models=build/release/data/train
 
-release-report: setup  ## Measure the release models on a sealed corpus; appends to docs/releases.md
+release-report: setup  ## After make repro: measure the packaged models on a sealed corpus; appends to docs/releases.md
 	$(BIN)/python -m pipelines.release_report
 
 face: setup  ## ProbTalk3D's Table 1: every model of the face, three seeds (docs/face_table.md); goes on where it was killed

@@ -99,8 +99,11 @@ class SoundResult:
     aversion: SoundAversion
 
 
-def run(workspace: Workspace, name: str) -> Report:
-    """Evaluate in parallel over sounds, which are independent."""
+def run(workspace: Workspace, name: str, training: Workspace | None = None) -> Report:
+    """Evaluate in parallel over sounds, which are independent.
+
+    `training`: where the train split is, for a corpus without one.
+    """
     settings = workspace.settings("evaluate", EvaluateSettings)
     data = workspace.data
     paths = InputPaths(
@@ -138,21 +141,23 @@ def run(workspace: Workspace, name: str) -> Report:
         (folder / "metrics.json").write_text(json.dumps(_plain(figures), indent=1))
         (folder / "benchmark.json").write_text(benchmark.table(settings.bootstrap).json())
         if aversions:
-            of_aversion = _aversion(workspace, paths, aversions, settings)
+            of_aversion = _aversion(training or workspace, name, aversions, settings)
             (folder / "aversion.json").write_text(json.dumps(of_aversion, indent=1))
         _write_speeds(folder / "speed.csv", found)
     return Report(metrics=_flat(figures), artifacts=[data("evaluate", name, "metrics.json")])
 
 
 def _aversion(
-    workspace: Workspace, paths: InputPaths, sounds: Sequence[SoundAversion], settings: EvaluateSettings
+    training: Workspace, row: str, sounds: Sequence[SoundAversion], settings: EvaluateSettings
 ) -> dict[str, Any]:
     """Information of speech about gaze aversion. Real motion has a take for most sounds, too few to fit the regression,
     which is fitted to that of the train split too; its row has the most that a live model can follow besides."""
     further: list[SoundAversion] = []
-    if paths.row in REAL_ROWS:
-        clips = Corpus(paths.corpus).select("train", take=0)[:MAX_TRAINING_SOUNDS]
-        further = list(parallel_map(partial(_real_aversion, paths), clips, workspace.jobs, f"aversion {paths.row}"))
+    if row in REAL_ROWS:
+        corpus, fit = Corpus(training.corpus), training.data("fit")
+        clips = [each for each in corpus.select("train", take=0) if motion_path(fit, each).exists()]
+        measure = partial(_real_aversion, row, corpus.root, fit)
+        further = list(parallel_map(measure, clips[:MAX_TRAINING_SOUNDS], training.jobs, f"aversion {row}"))
     bounds_s = {"information": np.inf} | ({"live_information": LIVE_LOOKAHEAD_S} if further else {})
     found = {
         name: asdict(aversion_information(sounds, settings.bootstrap, further, ahead_s))
@@ -161,9 +166,9 @@ def _aversion(
     return found | {"changes_per_s": changes_per_s(sounds)}
 
 
-def _real_aversion(paths: InputPaths, clip: Clip) -> SoundAversion:
-    corpus = Corpus(paths.corpus)
-    motion = corpus.truth(clip) if paths.row == "truth" else Motion.load(motion_path(paths.fit, clip))
+def _real_aversion(row: str, root: Path, fit: Path, clip: Clip) -> SoundAversion:
+    corpus = Corpus(root)
+    motion = corpus.truth(clip) if row == "truth" else Motion.load(motion_path(fit, clip))
     return sound_aversion(clip.speaker, motion_behaviours([motion], corpus.annotation(clip)))
 
 

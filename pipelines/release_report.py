@@ -1,7 +1,7 @@
-"""Measure the release models on a sealed corpus, and append the figures to docs/releases.md.
+"""Measure the packaged models on a sealed corpus, and append the figures to docs/releases.md.
 
-Run     make release-report        (python -m pipelines.release_report), after make release-models
-Reads   build/release: the models, their twins without speech, the critics
+Run     make release-report        (python -m pipelines.release_report), after make repro
+Reads   the packaged models of head and gaze; data/train and data/critic of the default chain: baselines and critics
 Writes  build/sealed: a corpus of 300 sounds of 50 people from a seed of its own; docs/releases.md
 
 Every other stage refuses this corpus (`Workspace.corpus`), so that nothing is chosen by its figures.
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from datetime import date
 from functools import partial
@@ -19,12 +19,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines import embed, evaluate, fit, information, sample, synthesize
+from pipelines import embed, evaluate, fit, sample, synthesize
 from pipelines.report import aversion_table
-from talkingeyes.animation.model_file import ASSETS
+from talkingeyes.animation.model_file import ASSETS, PACKAGED_LIVE_MODEL, PACKAGED_MODEL, open_model
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
-from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
+from talkingeyes.corpus.sound_groups import group_sounds
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.benchmark.corr import TITLES as CORR_TITLES
 from talkingeyes.evaluation.benchmark.partner_gaze import CURVES
@@ -32,7 +32,6 @@ from talkingeyes.evaluation.benchmark.table import from_json
 from talkingeyes.evaluation.benchmark.table import markdown as benchmark_markdown
 from talkingeyes.evaluation.bootstrap import bootstrap, mean_statistic
 from talkingeyes.evaluation.critic.evaluators import Evaluators
-from talkingeyes.evaluation.model_selection.information import COLUMNS, information_table
 from talkingeyes.evaluation.model_selection.validation_metrics import ValidateSettings
 from talkingeyes.evaluation.paper_metrics.requirements import model_requirements, model_requirements_table
 from talkingeyes.evaluation.paper_metrics.table3 import TITLES, markdown_table
@@ -40,34 +39,35 @@ from talkingeyes.orchestration.config import compose, write_params
 from talkingeyes.orchestration.mlflow_logging import revision
 from talkingeyes.orchestration.run import SEAL, Workspace, parallel_map, run_command
 
-RELEASE, SEALED, PAGE = Path("build/release"), Path("build/sealed"), Path("docs/releases.md")
+CHAIN, SEALED, PAGE = Path("data"), Path("build/sealed"), Path("docs/releases.md")
 REFERENCES = ("truth", "fitted", "mismatched")
 BASELINES = ("random", "similar", "untrained")
-MODELS = ("talkingeyes_events", "talkingeyes_live")
+MODELS = {"talkingeyes_events": PACKAGED_MODEL, "talkingeyes_live": PACKAGED_LIVE_MODEL}
 SPLIT = "unseen"
 CORR_PARTS = ("head", "gaze_in_space")
 
 
 def run() -> None:
     """Make the corpus if it is not there, measure every row, and append a section."""
-    for name in (*BASELINES, *MODELS):
-        if not (RELEASE / "data/train" / name).is_dir():
-            raise InputError(f"{RELEASE}: should hold the model {name}, got none; `make release-models` trains it")
+    for name in BASELINES:
+        if not (CHAIN / "train" / name).is_dir():
+            raise InputError(f"{CHAIN}/train: should hold {name}, got none; `make repro` makes it")
     workspace = _sealed_workspace()
+    with ExitStack() as stack:
+        for name in BASELINES:
+            _link(workspace.data("train", name), CHAIN / "train" / name)
+        for name, path in MODELS.items():
+            _link(workspace.data("train", name), stack.enter_context(open_model(path)))
+        for name in (*BASELINES, *MODELS):
+            sample.run(workspace, name)
     rows = {}
     for name in (*REFERENCES, *BASELINES, *MODELS):
-        if name not in REFERENCES:
-            _link(workspace, "train", name)
-            sample.run(workspace, name)
-        evaluate.run(workspace, name)
+        evaluate.run(workspace, name, training=Workspace.open(Path.cwd()))
         rows[name] = json.loads(workspace.data("evaluate", name, "metrics.json").read_text())
     benchmarks = {
         name: from_json(json.loads(workspace.data("evaluate", name, "benchmark.json").read_text())) for name in rows
     }
-    sounds, likelihoods = _sounds(workspace), {name: _likelihoods(workspace, name) for name in MODELS}
-    settings = workspace.settings("validate", ValidateSettings)
-    informed = {name: information.summarise(found, settings) for name, found in likelihoods.items()}
-    languages = _language_table(workspace, sounds, likelihoods[MODELS[0]], settings)
+    languages = _language_table(workspace, workspace.settings("validate", ValidateSettings))
     aversions = {name: json.loads(workspace.data("evaluate", name, "aversion.json").read_text()) for name in rows}
     required = {
         name: [
@@ -77,7 +77,6 @@ def run() -> None:
     }
     timing = {name: [each for each in found if each.metric.extractor is CURVES] for name, found in benchmarks.items()}
     section = _section(
-        information_table(informed, TITLES),
         aversion_table(aversions),
         benchmark_markdown(timing, TITLES),
         languages,
@@ -100,60 +99,38 @@ def _sealed_workspace() -> Workspace:
         corpus.write_index([replace(clip, split=SPLIT) for clip in corpus.clips])
         seal.touch()
         write_params(SEALED / "params.yaml", params)
-    _link(workspace, "critic")
+    _link(workspace.data("critic"), CHAIN / "critic")
     return replace(workspace, may_read_sealed=True)
 
 
-def _link(workspace: Workspace, *parts: str) -> None:
-    place = workspace.data(*parts)
+def _link(place: Path, target: Path) -> None:
     place.parent.mkdir(parents=True, exist_ok=True)
     place.unlink(missing_ok=True)
-    place.symlink_to((RELEASE / "data").joinpath(*parts).resolve())
+    place.symlink_to(target.resolve())
 
 
-def _sounds(workspace: Workspace) -> list[SoundGroup]:
-    data, seed = workspace.data, workspace.settings("validate", ValidateSettings).seed
-    return group_sounds(Corpus(workspace.corpus), data("fit"), data("embed"), (SPLIT,), 1, seed)
-
-
-def _likelihoods(workspace: Workspace, name: str) -> list[information.SoundLikelihoods]:
-    """Likelihoods of the sealed motion under a model and its twin, which is that of the stage `information`."""
-    data = workspace.data
-    twin = RELEASE.resolve() / "data/information" / name / "without_speech"
-    paths = information.InputPaths(workspace.corpus, data("fit"), data("embed"), data("train", name), twin)
-    score = partial(information.score_sound, paths)
-    return list(parallel_map(score, _sounds(workspace), workspace.jobs, f"information {name}"))
-
-
-def _language_table(
-    workspace: Workspace,
-    sounds: Sequence[SoundGroup],
-    likelihoods: Sequence[information.SoundLikelihoods],
-    settings: ValidateSettings,
-) -> str:
-    """The default model by language: information, and Corr. under the own sound less that under other sounds."""
-    data, name = workspace.data, MODELS[0]
+def _language_table(workspace: Workspace, settings: ValidateSettings) -> str:
+    """The default model by language: Corr. under the own sound less that under other sounds."""
+    data, name = workspace.data, next(iter(MODELS))
+    sounds = group_sounds(Corpus(workspace.corpus), data("fit"), data("embed"), (SPLIT,), 1, settings.seed)
     critic = data("critic")
     paths = evaluate.InputPaths(
         name, workspace.corpus, data("fit"), data("embed"), critic, data("sample", name), benchmark_samples=1
     )
     measure = partial(evaluate.evaluate_sound, paths, Evaluators.load(critic))
     evaluated = list(parallel_map(measure, sounds, workspace.jobs, "languages"))
-    headings = ["", "sounds", *COLUMNS, *(f"Corr. advantage: {CORR_TITLES[part]}" for part in CORR_PARTS)]
     lines = []
     for language in sorted({sound.clip.language for sound in sounds}):
         rows = [index for index, sound in enumerate(sounds) if sound.clip.language == language]
-        of_language = information.summarise([likelihoods[index] for index in rows], settings)[SPLIT]["own"]
         found = [one.figures for index in rows if (one := evaluated[index]) is not None]
         advantages = [np.array([each[part].corr - each[part].corr_shuffled for each in found]) for part in CORR_PARTS]
         ties = [bootstrap(mean_statistic(each), len(each), settings.bootstrap) for each in advantages]
-        estimates = [*(of_language[column] for column in COLUMNS), *map(asdict, ties)]
-        cells = ["{value:.2f} ({low:.2f} to {high:.2f})".format(**each) for each in estimates]
+        cells = ["{value:.2f} ({low:.2f} to {high:.2f})".format(**asdict(each)) for each in ties]
         lines.append([language, str(len(rows)), *cells])
-    return markdown_table(headings, lines)
+    return markdown_table(["", "sounds", *(CORR_TITLES[part] for part in CORR_PARTS)], lines)
 
 
-def _section(informed: str, averted: str, timing: str, languages: str, requirements: str) -> str:
+def _section(averted: str, timing: str, languages: str, requirements: str) -> str:
     files = "\n".join(
         f"- `{path.name}`: sha256 `{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}`"
         for path in sorted(ASSETS.iterdir())
@@ -163,15 +140,11 @@ def _section(informed: str, averted: str, timing: str, languages: str, requireme
     return f"""
 ## {date.today().isoformat()}, revision {revision()}
 
-Packaged files, trained by `make release-models` (half precision there, single precision here):
+Packaged files, trained by `make release-models`, as they are (half precision); critics and baselines of `make repro`:
 
 {files}
 
 Sealed corpus: sha256 of its index `{corpus}`.
-
-### Information that speech gives about motion, nats per second
-
-{informed}
 
 ### Information of speech about averted gaze, nats per second
 
@@ -185,7 +158,7 @@ Each value with its interval over sounds; bold: worse than the truth for the sam
 
 ### `talkingeyes_events` by language
 
-Information in nats per second; Corr. under a sound's own samples less that under other sounds of the speaker.
+Corr. under a sound's own samples less that under other sounds of the speaker.
 
 {languages}
 
