@@ -4,8 +4,9 @@ pipelines/tables.py)."""
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -24,8 +25,8 @@ from talkingeyes.orchestration.run import Report, Workspace
 from talkingeyes.orchestration.stage_graph import StageCall
 from talkingeyes.training.motion_generators import load_generator
 
-# Motions for Table VI: their length, and number per split, for concatenated sounds of the split.
-LONG_S, LONG_MOTIONS = 60.0, 4
+# Long motions for Table VI: one for the concatenated sounds of each speaker, up to this length; speakers per split.
+LONG_S, LONG_SPEAKERS = 60.0, 12
 # Code that a row depends on besides its inputs.
 ROW_CODE = (
     "pipelines/evaluate.py",
@@ -34,29 +35,30 @@ ROW_CODE = (
     "src/talkingeyes/evaluation",
 )
 READS = ("data/critic",)
+# {"speaker": name, "metrics": {metric: value}} of one sound or of one long motion.
+Measured = Mapping[str, Any]
 
 
 def measure_row(call: StageCall, workspace: Workspace) -> Report:
-    """Metrics of a row: {"sounds": {split: [metrics]}, "long": {split: [metrics]}}."""
+    """Metrics of a row: `sounds` and `long`, by split a list of {"speaker": name, "metrics": {metric: value}}."""
     settings = workspace.settings("evaluate", EvaluateSettings)
     (row,), data = call.names, workspace.data
     places = (workspace.corpus, data("fit"), data("embed"), data("critic"), data("sample", row))
     paths = InputPaths(row, *places, settings.benchmark_samples)
     work = held_out_sounds(paths, settings)
     evaluators = Evaluators.load(paths.critic) if work else None
-    sounds: dict[str, list[SoundMetrics]] = {split: [] for split in SPLITS}
-    long: dict[str, list[SoundMetrics]] = {split: [] for split in SPLITS}
+    sounds: dict[str, list[Measured]] = {split: [] for split in SPLITS}
+    long: dict[str, list[Measured]] = {split: [] for split in SPLITS}
     for item in progress_bar(work, f"{call.stage} {row}"):
         assert evaluators is not None
         seen = evaluate_sound(paths, evaluators, item)
         if seen is None:
             continue
-        split = item.takes[0].split
-        sounds[split].append(sound_metrics(seen.case, seen.figures))
+        clip, samples = item.clip, seen.case.samples
+        sounds[clip.split].append(_measured(clip.speaker, sound_metrics(seen.case, seen.figures)))
         if row in REFERENCES:
-            long[split].append(
-                high_frequency_motion(seen.case.samples.head[0], seen.case.samples.gaze[0], item.takes[0].fps)
-            )
+            first = high_frequency_motion(samples.head[0], samples.gaze[0], clip.fps)
+            long[clip.split].append(_measured(clip.speaker, first))
     if row not in REFERENCES:
         long = {split: _long(data("train", row), paths, _of_split(work, split)) for split in SPLITS}
     with workspace.output(call.stage, row) as folder:
@@ -68,17 +70,29 @@ def _of_split(work: Sequence[SoundGroup], split: str) -> list[SoundGroup]:
     return [item for item in work if item.takes[0].split == split]
 
 
-def _long(model: Path, paths: InputPaths, work: Sequence[SoundGroup]) -> list[SoundMetrics]:
-    """Long motions of a model for the concatenated sounds of a split."""
-    if not work:
-        return []
-    fps = work[0].takes[0].fps
-    recordings = Recordings([item.takes[0] for item in work], paths.fit, paths.embed)
-    speech_pieces: list[Float[ndarray, "_ C"]] = []
+def _measured(speaker: str, metrics: SoundMetrics) -> Measured:
+    return {"speaker": speaker, "metrics": metrics}
+
+
+def _long(model: Path, paths: InputPaths, work: Sequence[SoundGroup]) -> list[Measured]:
+    """Long motions of a model: one for the concatenated sounds of each of the first speakers of a split."""
+    generator = load_generator(model)
+    clips = [item.clip for item in work]
+    found = []
+    for number, speaker in enumerate(list(dict.fromkeys(clip.speaker for clip in clips))[:LONG_SPEAKERS]):
+        own = [clip for clip in clips if clip.speaker == speaker]
+        fps = own[0].fps
+        speech = _concatenated_speech(Recordings(own, paths.fit, paths.embed), int(LONG_S * fps))
+        motion = generator.generate(speech, [number], fps)
+        found.append(_measured(speaker, high_frequency_motion(motion.head[0], motion.gaze[0], fps)))
+    return found
+
+
+def _concatenated_speech(recordings: Recordings, frames: int) -> Float[ndarray, "T C"]:
+    """The embedded speech of recordings, one after the other, up to a number of frames."""
+    pieces: list[Float[ndarray, "_ C"]] = []
     for recording in recordings:
-        speech_pieces.append(np.asarray(recording.speech))
-        if sum(map(len, speech_pieces)) >= LONG_S * fps:
+        pieces.append(np.asarray(recording.speech))
+        if sum(map(len, pieces)) >= frames:
             break
-    speech = np.concatenate(speech_pieces)[: int(LONG_S * fps)]
-    made = load_generator(model).generate(speech, list(range(LONG_MOTIONS)), fps)
-    return [high_frequency_motion(head, gaze, fps) for head, gaze in zip(made.head, made.gaze, strict=True)]
+    return np.concatenate(pieces)[:frames]

@@ -19,14 +19,10 @@ from pipelines import (
     tables,
 )
 from pipelines.result_tables import ResultTable, as_csv, read_tables
-from talkingeyes.evaluation.bootstrap import Estimate
-from talkingeyes.evaluation.multi_seed import MultiSeedEstimate
 from talkingeyes.evaluation.reference_ranges.page import PLOT_CAPTIONS, RECORDING_TITLES, label, range_text
 from talkingeyes.evaluation.reference_ranges.ranges import REFERENCE_RANGES
 from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS
-from talkingeyes.evaluation.tables.definitions import TABLES
-from talkingeyes.evaluation.tables.page import TableResult, as_json
-from talkingeyes.evaluation.tables.rank_order import RankOrder, RowPair
+from talkingeyes.evaluation.tables.page import as_json
 
 DOCS = Path(__file__).parents[1] / "docs"
 SEEDS = "0, 1, 2"
@@ -81,36 +77,9 @@ def test_page_of_combinations(monkeypatch: Any) -> None:
 
 
 def test_page_of_the_papers_tables() -> None:
-    text, found = page("tables"), numbers("tables")["tables"]
-    results = {name: _results(table) for name, table in found.items()}
-    assert {name: as_json(TABLES[name], each) for name, each in results.items()} == found
-    introduction = tables.INTRODUCTION.format(
-        words="",
-        revision=revision_of(text),
-        seeds=SEEDS,
-        level=0.95,
-        count=tables.LONG_MOTIONS,
-        long_s=tables.LONG_S,
-    )
-    assert text == introduction + tables.page(results)
-
-
-def _results(table: dict[str, Any]) -> dict[str, TableResult]:
-    """Results of each split, from JSON."""
-    results = {}
-    for split, orders in table["orders"].items():
-        cells = {
-            name: {metric: MultiSeedEstimate(**each) for metric, each in row[split].items()}
-            for name, row in table["rows"].items()
-        }
-        rank_orders = {
-            metric: RankOrder(
-                tuple(RowPair(each["higher"], each["lower"], Estimate(**each["difference"])) for each in order["pairs"])
-            )
-            for metric, order in orders.items()
-        }
-        results[split] = TableResult(cells, rank_orders)
-    return results
+    results = tables.read_results(DOCS / tables.SEEDS_FOLDER)
+    assert numbers("tables") == as_json(results)
+    assert page("tables") == tables.document(results)
 
 
 def test_page_of_personal_head_motion() -> None:

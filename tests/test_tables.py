@@ -1,4 +1,4 @@
-"""The paper's tables: metrics of a sound, order of rows, the page, canonical correlation; rows are computed once."""
+"""The paper's tables: metrics of a sound, order of rows, canonical correlation; rows are computed once."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.recordings import Normaliser
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.multi_seed import ClipStatistic, MultiSeedStatistic, nanmean_statistic
-from talkingeyes.evaluation.tables.definitions import TABLES, TITLES, Column, PaperTable
-from talkingeyes.evaluation.tables.page import as_json, markdown, table_result
-from talkingeyes.evaluation.tables.rank_order import rank_order
+from talkingeyes.evaluation.tables.definitions import FAMILIES, PRINTED, SEQUENCE, TABLES, TITLES, Column, PaperTable
+from talkingeyes.evaluation.tables.intervals import difference, estimate, mean_of_known, ratio_of_known
+from talkingeyes.evaluation.tables.rank_order import ordered_pairs, rank_order
 from talkingeyes.evaluation.tables.row_metrics import high_frequency_motion, range_rad, row_metrics
+from talkingeyes.evaluation.tables.seed_result import split_result
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.gaze.canonical_correlation import (
     CanonicalCorrelationSettings,
@@ -51,37 +52,84 @@ def seeds_of(*values):
     return MultiSeedStatistic(tuple(nanmean_statistic(np.asarray(each, float)) for each in values))
 
 
+TABLE = PaperTable(
+    "Table X: toys",
+    "Which?",
+    (Column("Div.", "gaze/diversity"),),
+    (Column("still", "gaze/still_fraction", 2),),
+    {"mean": (0.1,), "talkingeyes_paper": (0.9,), "vae": (0.5,), "random": (0.4,), "sequence": None, "similar": (0.5,)},
+    {"talkingeyes_paper": "sequence", "random": None},
+)
+SPEAKERS = [f"speaker {number // 4}" for number in range(40)]
+
+
+def one_seed(values, family=PRINTED):
+    """Results of one split with one seed: Diversity of each sound, by row."""
+    rows = {name: {"gaze/diversity": mean_of_known(np.asarray(each, float), SPEAKERS)} for name, each in values.items()}
+    return split_result(TABLE, rows, ordered_pairs(TABLE, family, "gaze/diversity"), BOOTSTRAP)
+
+
 def test_rank_order_counts_pairs_and_their_significance():
-    random = np.random.default_rng(0)
-    noise = random.normal(0, 0.1, 40)
+    noise = np.random.default_rng(0).normal(0, 0.1, 40)
     ours = {
-        "a": seeds_of(3 + noise),
-        "b": seeds_of(1 + noise),
-        "c": seeds_of(2 + noise),
-        "d": seeds_of(2.001 + 9 * noise),
+        "talkingeyes_paper": 3 + noise,
+        "vae": 1 + noise,
+        "random": 2 + noise,
+        "mean": 2.001 + 9 * noise,
     }
-    came = rank_order({"a": 0.9, "b": 0.5, "c": 0.4, "d": 0.1, "absent": 7.0}, ours, BOOTSTRAP)
+    came = rank_order(TABLE, PRINTED, "gaze/diversity", [one_seed(ours)] * 3)
     assert came is not None
     by_names = {(pair.higher, pair.lower): pair for pair in came.pairs}
-    assert set(by_names) == {("a", "b"), ("a", "c"), ("a", "d"), ("b", "c"), ("b", "d"), ("c", "d")}
-    assert by_names["a", "b"].agrees
-    assert by_names["a", "b"].is_significant
-    assert not by_names["b", "c"].agrees
-    assert by_names["b", "c"].is_significant, "one apart in every clip"
-    assert not by_names["c", "d"].is_significant
+    full, vae, random, mean = "talkingeyes_paper", "vae", "random", "mean"
+    assert set(by_names) == {(full, vae), (full, random), (full, mean), (vae, random), (vae, mean), (random, mean)}
+    assert by_names[full, vae].agrees
+    assert by_names[full, vae].is_significant
+    assert not by_names[vae, random].agrees
+    assert by_names[vae, random].is_significant, "one apart in every sound"
+    assert not by_names[random, mean].is_significant
     assert came.tau == pytest.approx((came.agreement_count - (6 - came.agreement_count)) / 6)
-    assert not came.all_agree
-    right = rank_order({"a": 3.0, "c": 2.0, "b": 1.0}, ours, BOOTSTRAP)
-    assert right is not None
-    assert (right.all_agree, right.tau) == (True, 1.0)
-    assert rank_order({"a": 1.0, "b": 1.0}, ours, BOOTSTRAP) is None, "equal in the paper: no order"
+
+
+def test_significance_needs_more_than_half_of_the_seeds():
+    noise = np.random.default_rng(0).normal(0, 0.1, 40)
+    apart, alike = ({"vae": 1 + off + noise, "random": 1 + np.roll(noise, 7)} for off in (1.0, 0.0))
+    for seeds, expected in (([apart, alike, apart], True), ([apart, alike], False), ([alike] * 3, False)):
+        came = rank_order(TABLE, PRINTED, "gaze/diversity", [one_seed(each) for each in seeds])
+        assert came is not None
+        assert came.pairs[0].is_significant == expected
+
+
+def test_families_share_baselines_and_exchange_partners():
+    pairs = {(pair.higher, pair.lower) for pair in ordered_pairs(TABLE, SEQUENCE, "gaze/diversity")}
+    assert pairs == {("sequence", row) for row in ("vae", "mean", "similar")} | {("vae", "mean"), ("similar", "mean")}
+    assert rank_order(TABLE, SEQUENCE, "gaze/diversity", [one_seed({"vae": np.ones(40)}, SEQUENCE)]) is None
 
 
 def test_equal_rows_do_not_agree():
-    still = seeds_of(np.zeros(5))
-    came = rank_order({"a": 1.0, "b": 0.5}, {"a": still, "b": still}, BOOTSTRAP)
+    still = one_seed({"talkingeyes_paper": np.zeros(40), "vae": np.zeros(40)})
+    came = rank_order(TABLE, PRINTED, "gaze/diversity", [still])
     assert came is not None
     assert (came.agreement_count, came.tau, came.pairs[0].is_significant) == (0, 0.0, False)
+
+
+def test_intervals_over_speakers_take_all_sounds_of_a_speaker():
+    by_speaker = np.repeat(np.random.default_rng(0).normal(size=10), 4)
+    one = estimate(mean_of_known(by_speaker, SPEAKERS), BOOTSTRAP)
+    assert one.value == pytest.approx(by_speaker.mean())
+    assert one.speakers_high - one.speakers_low > 1.5 * (one.high - one.low), "four alike sounds are not four people"
+    alone = estimate(mean_of_known(by_speaker, [f"{number:02}" for number in range(40)]), BOOTSTRAP)
+    assert (alone.speakers_low, alone.speakers_high) == (alone.low, alone.high)
+    shifted = difference(mean_of_known(by_speaker + 1, SPEAKERS), mean_of_known(by_speaker, SPEAKERS), BOOTSTRAP)
+    assert shifted.speakers_low == pytest.approx(1.0), "both rows on the same speakers"
+    half = difference(mean_of_known(np.full(40, 3.0), SPEAKERS), mean_of_known(np.ones(40), SPEAKERS), BOOTSTRAP, 0.5)
+    assert half.value == pytest.approx(0.5)
+
+
+def test_sounds_without_a_value_are_left_out():
+    values = np.array([1.0, np.nan, 3.0])
+    assert estimate(mean_of_known(values, ["a", "b", "c"]), BOOTSTRAP).value == pytest.approx(2.0)
+    ratio = ratio_of_known(values, np.array([2.0, 5.0, 2.0]), ["a", "b", "c"])
+    assert estimate(ratio, BOOTSTRAP).value == pytest.approx(1.0)
 
 
 def test_seeds_are_averaged_on_the_same_clips():
@@ -93,56 +141,61 @@ def test_seeds_are_averaged_on_the_same_clips():
     assert seeds_of(np.arange(5.0)).estimate(BOOTSTRAP).low < 1.5
 
 
-TABLE = PaperTable(
-    "Table X: toys",
-    "Which?",
-    (Column("Div.", "gaze/diversity"),),
-    (Column("still", "gaze/still_fraction", 2),),
-    {"vae": (0.25,), "talkingeyes_paper": (0.5,), "talkingeyes_events": None},
-)
-
-
-def test_page_has_our_values_published_values_and_order():
-    ours = {
-        name: {"gaze/diversity": seeds_of([value] * 3, [value + 0.1] * 3)}
-        for name, value in (("vae", 0.4), ("talkingeyes_paper", 0.1), ("talkingeyes_events", 0.2))
-    }
-    came = table_result(TABLE, {**ours, "truth": {"gaze/diversity": seeds_of([0.3])}}, BOOTSTRAP)
-    page = markdown(TABLE, {"test": came})
-    assert "**0.450**<br><sub>0.450 to 0.450; seeds 0.400 to 0.500</sub><br>paper 0.250" in page
-    assert page.index("| Truth |") < page.index("| VAE")
-    assert "| Div. | no | 0 of 1 | -1.00 | TalkingEyes as written > VAE | – |" in page
-    plain = as_json(TABLE, {"test": came})
-    assert plain["rows"]["vae"]["paper"] == {"gaze/diversity": 0.25}
-    assert plain["rows"]["talkingeyes_events"]["paper"] is None
-    assert plain["orders"]["test"]["gaze/diversity"]["agreeing"] == 0
-    json.dumps(plain)
-
-
 def test_every_row_is_a_model_with_a_title_and_the_papers_numbers_stand_in_conf(repository):
-    params = compose([f"experiment=[{','.join(TABLES)}]"])
+    models = compose(["experiment=paper_tables"])["model"]
+    text = (repository / "conf" / "experiment" / "paper_tables.yaml").read_text()
+    assert re.search(r"# Question:.*\n(#.*\n)?# Command:.*\n# Expected:", text)
     for name, table in TABLES.items():
-        alone = compose([f"experiment={name}"])
-        text = (repository / "conf" / "experiment" / f"{name}.yaml").read_text()
-        assert re.search(r"# Question:.*\n# Command:.*\n# Expected:", text)
-        for row, sound_metrics in table.rows.items():
-            assert alone["model"][row] == params["model"][row], "equal names, equal models"
+        assert set(table.partners) <= set(table.rows)
+        for row, numbers in table.rows.items():
+            assert row in models
             assert row in TITLES
-            for number in sound_metrics or ():
+            for number in numbers or ():
                 assert f"{number:g}" in text or f"{number:.5f}" in text, (name, row, number)
-    paper = params["model"]["talkingeyes_paper"]
-    for row in ("codes_256", "codes_512", "codes_2048"):
-        codes = params["pretrain"][params["model"][row]["tokenizer"]]["network"]["quantiser"]["codes"]
-        assert row == f"codes_{codes}"
-        assert {**params["model"][row], "tokenizer": paper["tokenizer"]} == paper
-    assert params["pretrain"][paper["tokenizer"]]["network"]["quantiser"]["codes"] == 1024
+        for partner in filter(None, table.partners.values()):
+            assert partner in table.rows
+            assert table.rows[partner] is None, "the paper's numbers are those of the row as printed"
+
+
+def test_both_families_train_alike_and_a_row_differs_in_its_subject_alone():
+    params = compose(["experiment=paper_tables"])
+    models, codebooks = params["model"], params["pretrain"]
+    own_budget = {"talkingeyes", "talkingeyes_events"}
+    rows = {row for table in TABLES.values() for row in table.rows} - own_budget
+    budgets = [models[row]["loop"] for row in rows if "loop" in models[row]]
+    assert len(budgets) == 18
+    assert all(each == budgets[0] for each in budgets)
+    assert (models["similar"]["neighbours"], models["similar_five"]["neighbours"]) == (1, 5)
+    for base, row, weights in (
+        ("talkingeyes_paper", "without_velocity", {"head_velocity": 0.0, "gaze_velocity": 0.0}),
+        ("talkingeyes_paper", "without_regularity", {"gaze_regularity": 0.0}),
+        ("sequence", "sequence_without_velocity", {"head_velocity": 0.0}),
+    ):
+        assert models[row] == {**models[base], "weights": {**models[base]["weights"], **weights}}
+    assert models["sequence_vae_gaze"]["head"] == models["sequence"]["head"]
+    assert models["sequence_vqvae_head"]["gaze"] == models["sequence"]["gaze"]
+    for family, base in (("printed", "talkingeyes_paper"), ("sequence", "sequence")):
+        shared = codebooks[models[base]["tokenizer"]]
+        for count in (2048, 1024, 512, 256):
+            row = models[f"{family}_{count}"]
+            assert {**row, "tokenizer": models[base]["tokenizer"]} == models[base]
+            quantiser = {**shared["network"]["quantiser"], "codes": count}
+            assert codebooks[row["tokenizer"]] == {**shared, "network": {**shared["network"], "quantiser": quantiser}}
+
+
+def test_codebooks_of_table_7_have_the_seed_of_the_training():
+    for seed, params in enumerate(table_runs.configs_by_seed(["experiment=paper_tables"], [0, 1])):
+        assert params["pretrain"]["gaze_frames"]["seed"] == params["pretrain"]["gaze_patches"]["seed"] == 0
+        for row in TABLES["table7"].rows:
+            assert params["pretrain"][params["model"][row]["tokenizer"]]["seed"] == seed
 
 
 def test_what_is_asked():
     wanted = tables.options(["tables=table7,table3", "seeds=1", "experiment=tiny", "machine.jobs=1"])
     assert wanted.words["tables"] == ["table7", "table3"]
-    assert (wanted.seeds, wanted.overrides) == ([1], ["experiment=[table7,table3,tiny]", "machine.jobs=1"])
-    assert tables.options([]).overrides == ["experiment=[table3,table5,table6,table7]"]
+    assert (wanted.seeds, wanted.overrides) == ([1], ["experiment=[paper_tables,tiny]", "machine.jobs=1"])
+    assert tables.options([]).overrides == ["experiment=[paper_tables]"]
+    assert tables.options([]).words["tables"] == list(TABLES)
     with pytest.raises(InputError, match=r"^tables: should be among table3, table5, table6, table7; got 'table4'$"):
         tables.options(["tables=table4"])
 
@@ -181,16 +234,18 @@ def test_a_row_is_measured_sound_by_sound_and_on_long_motions(workspace):
     for row in ("truth", "random", "mismatched"):
         paper_table_rows.measure_row(StageCall("table_metrics", row, (), (), ()), workspace)
         figures[row] = json.loads(workspace.data("table_metrics", row, "metrics.json").read_text())
-    random, truth = (row_metrics([figures[name]], "test") for name in ("random", "truth"))
-    assert random["gaze/l2"].count == 4
-    assert len(figures["random"]["long"]["test"]) == paper_table_rows.LONG_MOTIONS
-    assert truth["gaze/range_ratio"].estimate(BOOTSTRAP).value == pytest.approx(1.0)
-    assert 0 < random["head/power_fraction_above_5hz"].estimate(BOOTSTRAP).value < 1
+    random, truth = (row_metrics(figures[name], "test") for name in ("random", "truth"))
+    speakers = {each["speaker"] for each in figures["random"]["sounds"]["test"]}
+    assert len(random["gaze/l2"].speakers) == 4
+    assert set(random["gaze/l2"].speakers) == speakers
+    assert [each["speaker"] for each in figures["random"]["long"]["test"]] == sorted(speakers)
+    assert estimate(truth["gaze/range_ratio"], BOOTSTRAP).value == pytest.approx(1.0)
+    assert 0 < estimate(random["head/power_fraction_above_5hz"], BOOTSTRAP).value < 1
     assert "gaze/diversity" in random
-    both = row_metrics([figures["random"], figures["random"]], "unseen")
-    assert len(both["head/corr"].by_seed) == 2
-    page = table_result(TABLES["table3"], {"random": random, "truth": truth}, BOOTSTRAP)
-    assert page.cells["random"]["gaze/l2"].value == random["gaze/l2"].estimate(BOOTSTRAP).value
+    pairs = [pair for family in FAMILIES for pair in ordered_pairs(TABLES["table3"], family, "gaze/l2")]
+    found = split_result(TABLES["table3"], {"random": random, "truth": truth, "mean": random}, pairs, BOOTSTRAP)
+    assert found.rows["random"]["gaze/l2"] == estimate(random["gaze/l2"], BOOTSTRAP)
+    assert [each.value for each in found.differences.values()] == [0.0]
 
 
 def test_measured_rows_are_not_recomputed(tmp_path):
@@ -218,7 +273,7 @@ def test_measured_rows_are_not_recomputed(tmp_path):
 
 
 def test_components_of_a_model_are_trained_first(monkeypatch, tmp_path):
-    params, asked = compose(["experiment=table3", f"result_store={tmp_path}"]), []
+    params, asked = compose(["experiment=paper_tables", f"result_store={tmp_path}"]), []
 
     class Stop(Exception):
         pass

@@ -1,13 +1,18 @@
 """Definitions of the reproduced tables of TalkingEyes: rows, columns, and the paper's numbers (on TKED-Test).
 
-A row is a model of conf/experiment/table3, table5, table6 or table7. A model is the same row in every table; the
-paper's own model is a row of all four. Columns of Tables III and V: section V-B; of VI and VII: section V-D.
+A row is a model of conf/experiment/paper_tables.yaml. A model is the same row in every table. Each row as printed has a
+partner whose codes of gaze are sampled in sequence. Columns of Tables III and V: section V-B; of VI and VII: section
+V-D.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+
+# The two families of rows.
+PRINTED, SEQUENCE = "printed", "sequence"
+FAMILIES = {PRINTED: "as printed", SEQUENCE: "codes in sequence"}
 
 
 @dataclass(frozen=True)
@@ -21,13 +26,27 @@ class Column:
 
 @dataclass(frozen=True)
 class PaperTable:
-    """A table: its columns, and its rows in order with the paper's numbers (None: not in the paper)."""
+    """A table: its columns, and its rows in order with the paper's numbers (None: not in the paper).
+
+    `partners`: from a row as printed to its row with codes in sequence (None: the term or part does not exist there). A
+    row of the paper without an entry is a baseline, which both families share.
+    """
 
     title: str
     question: str
     paper_columns: tuple[Column, ...]  # the paper's columns
     extra_columns: tuple[Column, ...]  # additional columns, not in the paper
     rows: Mapping[str, tuple[float, ...] | None]
+    partners: Mapping[str, str | None]
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """All columns, the paper's first."""
+        return (*self.paper_columns, *self.extra_columns)
+
+    def row_of(self, family: str, row: str) -> str | None:
+        """The row of a family that stands for a row of the paper; None if it has none."""
+        return row if family == PRINTED else self.partners.get(row, row)
 
 
 EYE_COLUMNS = (Column("Div. eyes", "gaze/diversity"), Column("Corr. eyes", "gaze/corr"), Column("L2 eyes", "gaze/l2"))
@@ -68,11 +87,15 @@ TABLES = {
             "mean": (0.0, 0.45685, 0.17162),
             "random": (0.23383, 0.49117, 0.23989),
             "similar": (0.06170, 0.57849, 0.23479),
+            "similar_five": None,
             "vae": (0.06655, 0.45796, 0.17887),
             "canonical_correlation": None,
             "talkingeyes_paper": (0.26398, 0.60435, 0.26570),
+            "sequence": None,
+            "talkingeyes": None,
             "talkingeyes_events": None,
         },
+        partners={"talkingeyes_paper": "sequence"},
     ),
     "table5": PaperTable(
         title="Table V, with Table II as ranges: VAE or VQ-VAE",
@@ -84,30 +107,51 @@ TABLES = {
             "talkingeyes_paper": PUBLISHED_TALKINGEYES,
             "vqvae_head": (0.29852, 0.25439, 0.45164, 0.59900, 0.40460, 0.26225),
             "vqvae_head_vae_gaze": None,
+            "sequence_vae_gaze": None,
+            "sequence": None,
+            "sequence_vqvae_head": None,
+        },
+        partners={
+            "vae": "sequence_vae_gaze",
+            "talkingeyes_paper": "sequence",
+            "vqvae_head": "sequence_vqvae_head",
         },
     ),
     "table6": PaperTable(
         title="Table VI: terms of the loss",
-        question="What are the effects of the velocity loss and the feature regularity?",
+        question="What are the effects of the velocity loss and the feature regularity? Codes in sequence have a "
+        "velocity loss of the head only, and no feature regularity.",
         paper_columns=HEAD_AND_EYE_COLUMNS,
         extra_columns=(*HIGH_FREQUENCY_COLUMNS, *MOTION_COLUMNS),
         rows={
             "without_velocity": (0.05086, 0.24881, 0.48854, 0.59182, 0.22873, 0.26941),
             "without_regularity": (0.00434, 0.0, 0.35083, 0.45581, 0.48944, 0.19682),
             "talkingeyes_paper": PUBLISHED_TALKINGEYES,
+            "sequence_without_velocity": None,
+            "sequence": None,
+        },
+        partners={
+            "without_velocity": "sequence_without_velocity",
+            "without_regularity": None,
+            "talkingeyes_paper": "sequence",
         },
     ),
     "table7": PaperTable(
         title="Table VII: number of codes",
-        question="How many codes of gaze are enough?",
+        question="How many codes of gaze are enough? Each training seed has codebooks of its own seed.",
         paper_columns=HEAD_AND_EYE_COLUMNS,
         extra_columns=MOTION_COLUMNS,
         rows={
-            "codes_2048": (0.05119, 0.26278, 0.54150, 0.60268, 0.22990, 0.27397),
-            "talkingeyes_paper": PUBLISHED_TALKINGEYES,
-            "codes_512": (0.04966, 0.27578, 0.53699, 0.59932, 0.22959, 0.27345),
-            "codes_256": (0.05027, 0.31291, 0.52527, 0.58959, 0.22762, 0.32000),
+            "printed_2048": (0.05119, 0.26278, 0.54150, 0.60268, 0.22990, 0.27397),
+            "printed_1024": PUBLISHED_TALKINGEYES,
+            "printed_512": (0.04966, 0.27578, 0.53699, 0.59932, 0.22959, 0.27345),
+            "printed_256": (0.05027, 0.31291, 0.52527, 0.58959, 0.22762, 0.32000),
+            "sequence_2048": None,
+            "sequence_1024": None,
+            "sequence_512": None,
+            "sequence_256": None,
         },
+        partners={f"printed_{codes}": f"sequence_{codes}" for codes in (2048, 1024, 512, 256)},
     ),
 }
 # Rows of real motion, in every table.
@@ -118,16 +162,27 @@ TITLES = {
     "mismatched": "Mismatched motion",
     "mean": "Mean",
     "random": "Random",
-    "similar": "Similar Sample",
+    "similar": "Similar Sample (the most similar, as in the paper)",
+    "similar_five": "Similar Sample (one of five)",
     "vae": "VAE (head: VAE, eyes: VAE)",
     "canonical_correlation": "Canonical correlation (Le et al. 2012)",
-    "talkingeyes_paper": "TalkingEyes as written (head: VAE, eyes: VQ-VAE, N = 1,024)",
-    "talkingeyes_events": "TalkingEyes, events (default)",
+    "talkingeyes_paper": "TalkingEyes as printed (head: VAE, eyes: VQ-VAE, N = 1,024)",
+    "talkingeyes": "TalkingEyes (codes in sequence, head: events)",
+    "talkingeyes_events": "TalkingEyes, events (default of animate)",
     "vqvae_head": "Head: VQ-VAE, eyes: VQ-VAE",
     "vqvae_head_vae_gaze": "Head: VQ-VAE, eyes: VAE",
-    "without_velocity": "without velocity loss",
-    "without_regularity": "without feature regularity",
-    "codes_2048": "N = 2,048",
-    "codes_512": "N = 512",
-    "codes_256": "N = 256",
+    "without_velocity": "Without velocity loss",
+    "without_regularity": "Without feature regularity",
+    "printed_2048": "N = 2,048",
+    "printed_1024": "N = 1,024",
+    "printed_512": "N = 512",
+    "printed_256": "N = 256",
+    "sequence": "Codes in sequence (head: VAE, N = 256)",
+    "sequence_vae_gaze": "Head of codes in sequence, eyes: VAE",
+    "sequence_vqvae_head": "Codes in sequence, head: VQ-VAE",
+    "sequence_without_velocity": "Codes in sequence, without velocity loss",
+    "sequence_2048": "Codes in sequence, N = 2,048",
+    "sequence_1024": "Codes in sequence, N = 1,024",
+    "sequence_512": "Codes in sequence, N = 512",
+    "sequence_256": "Codes in sequence, N = 256",
 }

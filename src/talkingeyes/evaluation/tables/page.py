@@ -1,128 +1,193 @@
-"""The tables as Markdown and JSON: the paper's value and ours with interval and seed range, then the order of rows."""
+"""The page of the paper's tables and its JSON: claims, tables beside the paper's values, and the order of rows."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
-from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.multi_seed import MultiSeedEstimate, MultiSeedStatistic
-from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, markdown_row
-from talkingeyes.evaluation.tables.definitions import REFERENCES, TITLES, Column, PaperTable
-from talkingeyes.evaluation.tables.rank_order import RankOrder, RowPair, rank_order
+from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
+from talkingeyes.evaluation.tables.claims import CLAIMS, Claim, Verdict, experiment, judge
+from talkingeyes.evaluation.tables.definitions import (
+    FAMILIES,
+    HEAD_AND_EYE_COLUMNS,
+    TABLES,
+    TITLES,
+    Column,
+    PaperTable,
+)
+from talkingeyes.evaluation.tables.rank_order import RankOrder, rank_order
+from talkingeyes.evaluation.tables.seed_result import SeedMean, SeedResult, SplitResult, mean_over_seeds
+
+# Metrics that are shown besides the columns of the paper.
+SHOWN = {
+    "gaze/speed",
+    "gaze/still_fraction",
+    "head/range_ratio",
+    "gaze/range_ratio",
+    "head/speed_above_5hz",
+    "gaze/speed_above_5hz",
+}
+SHOWN_SPLIT = "unseen"
+CLAIMS_TEXT = """## The paper's claims
+
+The rule was fixed before the first run (`src/talkingeyes/evaluation/tables/claims.py`): a claim is reproduced if the
+interval of the difference over speakers (95 %) lies on its side of 0 in more than half of the seeds, not reproduced if
+it lies on the other side, else undecided. "Does not affect" and "like" mean within 10 %. Where the eyes of a row stand
+still though the paper's move, the columns of the eyes decide nothing; why they stand still:
+`python -m benchmarks.free_running`. Limits are means over seeds. The last column names the experiment, a table of
+`python -m pipelines.tables`, with the compared rows as printed.
+"""
+ORDERS_TEXT = """## The paper's order of rows
+
+Kendall's tau over all pairs of rows with different values in the paper: agreeing minus reversed pairs, divided by all
+pairs. +1 is the paper's order. Pairs with their differences and significance: `orders` in
+[tables.json](tables.json).
+"""
+
+# {table: its results, one for each seed}.
+Results = Mapping[str, Sequence[SeedResult]]
 
 
-@dataclass(frozen=True)
-class TableResult:
-    """Results of one table in one split: estimates by row and metric, rank orders by metric."""
-
-    cells: dict[str, dict[str, MultiSeedEstimate]]
-    rank_orders: dict[str, RankOrder]
-
-
-def table_result(
-    table: PaperTable, rows: Mapping[str, Mapping[str, MultiSeedStatistic]], settings: BootstrapSettings
-) -> TableResult:
-    """Compute the estimates and rank orders of a table in one split."""
-    shown = [name for name in (*REFERENCES, *table.rows) if rows.get(name)]
-    columns = (*table.paper_columns, *table.extra_columns)
-    cells = {
-        name: {each.metric: rows[name][each.metric].estimate(settings) for each in columns if each.metric in rows[name]}
-        for name in shown
-    }
-    rank_orders = {}
-    for at, column in enumerate(table.paper_columns):
-        paper = {name: numbers[at] for name, numbers in table.rows.items() if numbers is not None}
-        ours = {name: rows[name][column.metric] for name in paper if column.metric in rows.get(name, {})}
-        result = rank_order(paper, ours, settings)
-        if result is not None:
-            rank_orders[column.metric] = result
-    return TableResult(cells, rank_orders)
+def page(results: Results) -> str:
+    """The page below its introduction, of the results that are there."""
+    return "\n".join(
+        [_claims(results), *(_table(TABLES[name], seeds) for name, seeds in results.items()), _orders(results)]
+    )
 
 
-def markdown(table: PaperTable, by_split: Mapping[str, TableResult]) -> str:
-    """Markdown of one table, for each split."""
-    lines = [f"## {table.title}", "", table.question, ""]
-    for split, result in by_split.items():
-        lines += [f"### {SPLIT_TITLES[split]}", "", *_cells(table, result), ""]
-        if result.rank_orders:
-            lines += ["Comparison with the paper's order, by pairs of rows:", "", *_orders(table, result), ""]
-    return "\n".join(lines)
+def as_json(results: Results) -> dict[str, Any]:
+    """All numbers: {tables: {table: {seeds, rows, orders}}, claims}.
 
-
-def as_json(table: PaperTable, by_split: Mapping[str, TableResult]) -> dict[str, Any]:
-    """Results as numbers: {rows: {row: {paper, split: {metric: estimate}}}, orders: {split: {metric: ...}}}."""
-    figures = [each.metric for each in table.paper_columns]
-    rows: dict[str, Any] = {}
-    for split, result in by_split.items():
-        for name, cells in result.cells.items():
-            numbers = table.rows.get(name)
-            row = rows.setdefault(name, {"paper": dict(zip(figures, numbers, strict=True)) if numbers else None})
-            row[split] = {metric: asdict(estimate) for metric, estimate in cells.items()}
+    A row has the paper's numbers (`paper`), its training (`budget`) and by split its metrics; a metric has its mean
+    over seeds, their range, and its `intervals` over sounds and over speakers.
+    """
     return {
-        "rows": rows,
-        "orders": {
-            split: {name: _plain(each) for name, each in result.rank_orders.items()}
-            for split, result in by_split.items()
-        },
+        "tables": {name: _table_json(TABLES[name], seeds) for name, seeds in results.items()},
+        "claims": [_claim_json(claim, results[claim.table]) for claim in CLAIMS if claim.table in results],
     }
 
 
-def _plain(each: RankOrder) -> dict[str, Any]:
-    pairs = [asdict(pair) | {"agrees": pair.agrees, "clear": pair.is_significant} for pair in each.pairs]
-    return {"same": each.all_agree, "agreeing": each.agreement_count, "pairs": pairs, "tau": each.tau}
+def by_split(seeds: Sequence[SeedResult]) -> dict[str, list[SplitResult]]:
+    """The results of every split that all seeds have."""
+    return {
+        name: [each.splits[name] for each in seeds] for name in seeds[0].splits if all(name in s.splits for s in seeds)
+    }
 
 
-def _cells(table: PaperTable, result: TableResult) -> list[str]:
-    columns = (*table.paper_columns, *table.extra_columns)
-    lines = [markdown_row(["", *(each.heading for each in columns)]), markdown_row(["---"] * (len(columns) + 1))]
-    for name, cells in result.cells.items():
-        numbers = table.rows.get(name) or (None,) * len(table.paper_columns)
-        papers = (*numbers, *(None,) * len(table.extra_columns))
-        written = [_cell(cells.get(each.metric), paper, each) for each, paper in zip(columns, papers, strict=True)]
-        lines.append(markdown_row([TITLES[name], *written]))
-    return lines
+def cell(seeds: Sequence[SplitResult], row: str, metric: str) -> SeedMean | None:
+    """A cell over the seeds that have it; None if none has."""
+    found = [each.rows[row][metric] for each in seeds if metric in each.rows.get(row, {})]
+    return mean_over_seeds(found) if found else None
 
 
-def _cell(estimate: MultiSeedEstimate | None, paper: float | None, column: Column) -> str:
-    parts = [] if paper is None else [f"paper {paper:.{max(column.digits, 3)}f}"]
-    if estimate is not None:
-        digits = column.digits
-        small = f"{estimate.low:.{digits}f} to {estimate.high:.{digits}f}"
-        if estimate.seed_min < estimate.seed_max:
-            small += f"; seeds {estimate.seed_min:.{digits}f} to {estimate.seed_max:.{digits}f}"
-        parts.insert(0, f"**{estimate.value:.{digits}f}**<br><sub>{small}</sub>")
-    return "<br>".join(parts)
+def _claims(results: Results) -> str:
+    lines = []
+    for claim in CLAIMS:
+        seeds = by_split(results[claim.table]).get(SHOWN_SPLIT) if claim.table in results else None
+        if seeds:
+            verdicts = [_verdict(judge(claim, family, seeds)) for family in FAMILIES]
+            lines.append([f"{claim.text} ({claim.source})", *verdicts, experiment(claim, TABLES[claim.table])])
+    return "\n".join([CLAIMS_TEXT, markdown_table(["claim", *FAMILIES.values(), "experiment"], lines), ""])
 
 
-def _orders(table: PaperTable, result: TableResult) -> list[str]:
-    lines = [
-        markdown_row(
-            ["", "same order", "agreeing pairs", "Kendall's tau", "reversed (significant)", "not significant"]
-        ),
-        markdown_row(["---"] * 6),
+def _verdict(verdict: Verdict) -> str:
+    return f"**{verdict.verdict}**: {verdict.reason}" if verdict.verdict else verdict.reason
+
+
+def _table(table: PaperTable, seeds: Sequence[SeedResult]) -> str:
+    columns = [*table.paper_columns, *(each for each in table.extra_columns if each.metric in SHOWN)]
+    splits, budgets = by_split(seeds), seeds[0].budgets
+    lines = []
+    for row in _rows(splits.get(SHOWN_SPLIT, ())):
+        papers = table.rows.get(row) or ()
+        cells = [
+            _cell(cell(splits[SHOWN_SPLIT], row, each.metric), papers[at : at + 1], each)
+            for at, each in enumerate(columns)
+        ]
+        lines.append([TITLES[row], *cells, budgets.get(row, "")])
+    headings = ["", *(each.heading for each in columns), "training"]
+    of = ", ".join(str(each.seed) for each in seeds)
+    text = f"{table.question} Means over the seeds {of}."
+    return "\n".join([f"## {table.title}", "", text, "", markdown_table(headings, lines), ""])
+
+
+def _rows(seeds: Sequence[SplitResult]) -> list[str]:
+    return list(dict.fromkeys(row for each in seeds for row in each.rows))
+
+
+def _cell(estimate: SeedMean | None, paper: Sequence[float], column: Column) -> str:
+    papers = "".join(f" ({each:.3f})" for each in paper)
+    return "" if estimate is None else f"{estimate.value:.{column.digits}f}{papers}"
+
+
+def _orders(results: Results) -> str:
+    """Kendall's tau by table, split, family and column."""
+    lines = []
+    for name, seeds in results.items():
+        title = TABLES[name].title.partition(":")[0].partition(",")[0]
+        for split, of_split in by_split(seeds).items():
+            for family, words in FAMILIES.items():
+                orders = _rank_orders(TABLES[name], family, of_split)
+                taus = [orders.get(each.metric) for each in HEAD_AND_EYE_COLUMNS]
+                lines.append([f"{title}, {split}, {words}", *(f"{each.tau:+.2f}" if each else "" for each in taus)])
+    return "\n".join([ORDERS_TEXT, markdown_table(["", *(each.heading for each in HEAD_AND_EYE_COLUMNS)], lines), ""])
+
+
+def _rank_orders(table: PaperTable, family: str, seeds: Sequence[SplitResult]) -> dict[str, RankOrder]:
+    orders = {each.metric: rank_order(table, family, each.metric, seeds) for each in table.paper_columns}
+    return {metric: each for metric, each in orders.items() if each is not None}
+
+
+def _table_json(table: PaperTable, seeds: Sequence[SeedResult]) -> dict[str, Any]:
+    splits, metrics = by_split(seeds), [each.metric for each in table.paper_columns]
+    rows: dict[str, Any] = {}
+    for split, of_split in splits.items():
+        for name in _rows(of_split):
+            numbers = table.rows.get(name)
+            paper = dict(zip(metrics, numbers, strict=True)) if numbers else None
+            row = rows.setdefault(name, {"paper": paper, "budget": seeds[0].budgets.get(name)})
+            found = {each.metric: cell(of_split, name, each.metric) for each in table.columns}
+            row[split] = {metric: _mean_json(each) for metric, each in found.items() if each}
+    orders = {
+        split: {
+            family: {metric: _order_json(each) for metric, each in _rank_orders(table, family, of_split).items()}
+            for family in FAMILIES
+        }
+        for split, of_split in splits.items()
+    }
+    return {"seeds": [each.seed for each in seeds], "rows": rows, "orders": orders}
+
+
+def _mean_json(mean: SeedMean) -> dict[str, Any]:
+    return {
+        "value": mean.value,
+        "seed_min": mean.seed_min,
+        "seed_max": mean.seed_max,
+        "intervals": [
+            {"interval_over": "sounds", "low": mean.low, "high": mean.high},
+            {"interval_over": "speakers", "low": mean.speakers_low, "high": mean.speakers_high},
+        ],
+    }
+
+
+def _order_json(order: RankOrder) -> dict[str, Any]:
+    pairs = [
+        {
+            "higher": pair.higher,
+            "lower": pair.lower,
+            "difference": _mean_json(pair.difference),
+            "agrees": pair.agrees,
+            "significant": pair.is_significant,
+        }
+        for pair in order.pairs
     ]
-    for column in table.paper_columns:
-        if column.metric not in result.rank_orders:
-            continue
-        each = result.rank_orders[column.metric]
-        is_significant = [pair for pair in each.pairs if pair.is_significant and not pair.agrees]
-        unclear = [pair for pair in each.pairs if not pair.is_significant]
-        share = f"{each.agreement_count} of {len(each.pairs)}"
-        all_agree = "yes" if each.all_agree else "no"
-        lines.append(
-            markdown_row(
-                [column.heading, all_agree, share, f"{each.tau:+.2f}", _named(is_significant), _named(unclear)]
-            )
-        )
-    return lines
+    return {"tau": order.tau, "agreeing": order.agreement_count, "pairs": pairs}
 
 
-def _named(pairs: Sequence[RowPair]) -> str:
-    """List pairs as "higher > lower", in the order of the paper."""
-    return "; ".join(f"{_short(pair.higher)} > {_short(pair.lower)}" for pair in pairs) or "–"
-
-
-def _short(name: str) -> str:
-    return TITLES[name].partition(" (")[0]
+def _claim_json(claim: Claim, seeds: Sequence[SeedResult]) -> dict[str, Any]:
+    verdicts = {
+        split: {family: asdict(judge(claim, family, of_split)) for family in FAMILIES}
+        for split, of_split in by_split(seeds).items()
+    }
+    return {"claim": claim.text, "source": claim.source, "table": claim.table, "verdicts": verdicts}

@@ -1,4 +1,4 @@
-"""Metrics of a row of the paper's tables: numbers per sound, and their statistics over sounds and seeds.
+"""Metrics of a row of the paper's tables: numbers per sound, and their statistics over sounds.
 
 Table II of the paper describes in words how far VAE and VQ-VAE let a part move ("nearly stationary", "exaggerated").
 Here it is measured: the range of a motion is the middle 95 % of each rotation component, averaged over components
@@ -16,10 +16,9 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.core.kinematics import still_fraction
-from talkingeyes.evaluation.bootstrap import ratio_statistic
 from talkingeyes.evaluation.head_pose.movement import jitter
-from talkingeyes.evaluation.multi_seed import ClipStatistic, MultiSeedStatistic, combine_seeds, nanmean_statistic
 from talkingeyes.evaluation.paper_metrics.summary import ClipMetrics, EvaluationCase, rotation_vectors
+from talkingeyes.evaluation.tables.intervals import SoundStatistic, mean_of_known, ratio_of_known
 
 RANGE_TAILS = (0.025, 0.975)
 MEANS = ("diversity", "corr", "l2", "speed", "still_fraction")
@@ -29,8 +28,6 @@ RATIOS = {
     "speed_ratio": ("speed", "speed_truth"),
     "range_ratio": ("range", "range_truth"),
 }
-HIGH_FREQUENCY = ("speed_above_5hz", "power_fraction_above_5hz")
-
 # {part/metric: value} of one sound or of one long motion.
 SoundMetrics = Mapping[str, float]
 
@@ -73,31 +70,42 @@ def high_frequency_motion(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2
     return found
 
 
-def row_metrics(seeds: Sequence[Mapping[str, Any]], split: str) -> dict[str, MultiSeedStatistic]:
-    """All metrics of a row in a split over seeds; a seed holds `sounds` and `long`, lists of metrics by split."""
-    by_seed = [_of_sounds(each["sounds"].get(split, [])) | _of_long(each["long"].get(split, [])) for each in seeds]
-    return {name: each for name, each in combine_seeds(by_seed).items() if each.count}
+def row_metrics(row: Mapping[str, Any], split: str) -> dict[str, SoundStatistic]:
+    """All metrics of a row, with one seed, in a split.
+
+    `row` holds `sounds` and `long`: by split, a list of {"speaker": name, "metrics": SoundMetrics}.
+    """
+    return _of_sounds(row["sounds"].get(split, [])) | _of_long(row["long"].get(split, []))
 
 
-def _of_sounds(sounds: Sequence[SoundMetrics]) -> dict[str, ClipStatistic]:
-    found: dict[str, ClipStatistic] = {}
-    columns = {name: np.array([each[name] for each in sounds]) for name in (sounds[0] if sounds else ())}
+def _of_sounds(sounds: Sequence[Mapping[str, Any]]) -> dict[str, SoundStatistic]:
+    found: dict[str, SoundStatistic] = {}
+    columns, speakers = _columns(sounds)
     for part in ("head", "gaze", "gaze_in_space"):
-        found |= {f"{part}/{name}": nanmean_statistic(columns[f"{part}/{name}"]) for name in MEANS if columns}
+        for name in MEANS:
+            values = columns.get(f"{part}/{name}")
+            if values is not None and not np.isnan(values).all():
+                found[f"{part}/{name}"] = mean_of_known(values, speakers)
         for name, (own, other) in RATIOS.items():
-            if f"{part}/{own}" in columns and f"{part}/{other}" in columns:
-                found[f"{part}/{name}"] = _ratio(columns[f"{part}/{own}"], columns[f"{part}/{other}"])
+            values, reference = (columns.get(f"{part}/{each}") for each in (own, other))
+            if values is not None and reference is not None and _is_defined(values, reference):
+                found[f"{part}/{name}"] = ratio_of_known(values, reference, speakers)
     return found
 
 
-def _of_long(motions: Sequence[SoundMetrics]) -> dict[str, ClipStatistic]:
-    names = [f"{part}/{name}" for part in ("head", "gaze") for name in HIGH_FREQUENCY if motions]
-    return {name: nanmean_statistic(np.array([each[name] for each in motions])) for name in names}
+def _of_long(motions: Sequence[Mapping[str, Any]]) -> dict[str, SoundStatistic]:
+    columns, speakers = _columns(motions)
+    return {name: mean_of_known(values, speakers) for name, values in columns.items()}
 
 
-def _ratio(values: Float[ndarray, " N"], reference: Float[ndarray, " N"]) -> ClipStatistic:
-    """Ratio of means over the sounds with both values; undefined if any reference value is zero."""
+def _columns(measured: Sequence[Mapping[str, Any]]) -> tuple[dict[str, Float[ndarray, " N"]], list[str]]:
+    """{metric: values} of N sounds or motions, and their speakers."""
+    names = measured[0]["metrics"] if measured else ()
+    columns = {name: np.array([each["metrics"][name] for each in measured]) for name in names}
+    return columns, [each["speaker"] for each in measured]
+
+
+def _is_defined(values: Float[ndarray, " N"], reference: Float[ndarray, " N"]) -> bool:
+    """Whether some sounds have both values, and no reference value among them is zero."""
     known = ~np.isnan(values + reference)
-    return ClipStatistic(
-        ratio_statistic(values[known], reference[known]), int(known.sum()) if reference[known].all() else 0
-    )
+    return bool(known.any() and reference[known].all())

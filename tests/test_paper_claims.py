@@ -1,0 +1,268 @@
+"""Verdicts on the paper's claims by made-up statistics, and pages of seeds that were computed at different times."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pipelines import table_runs, tables
+from talkingeyes.core.errors import InputError
+from talkingeyes.evaluation.tables import claims
+from talkingeyes.evaluation.tables.claims import CLAIMS, Claim, Verdict, judge
+from talkingeyes.evaluation.tables.definitions import FAMILIES, PRINTED, SEQUENCE, TABLES
+from talkingeyes.evaluation.tables.intervals import TableEstimate
+from talkingeyes.evaluation.tables.page import as_json
+from talkingeyes.evaluation.tables.seed_result import SeedResult, SplitResult, from_json, to_json
+from talkingeyes.orchestration.run import run_command
+
+STILL = "gaze/still_fraction"
+SOUND_METRICS = [
+    f"{part}/{name}"
+    for part in ("head", "gaze", "gaze_in_space")
+    for name in ("diversity", "diversity_truth", "corr", "l2", "speed", "speed_truth", "still_fraction")
+]
+
+
+def claim(text: str) -> Claim:
+    return next(each for each in CLAIMS if each.text.startswith(text))
+
+
+MORE_DIVERSE = claim("The eyes of a VQ-VAE have more Diversity")
+HIGHEST = claim("TalkingEyes has the highest Diversity")
+NO_EFFECT = claim("The number of codes does not affect the head")
+STANDS_STILL = claim("Without L_reg, the eyes stand still")
+LIKE_MEAN = claim("A VAE performs like Mean")
+HEAD_CORR = claim("The head of a VQ-VAE has a lower Corr.")
+
+
+def around(value: float, width: float = 0.02) -> TableEstimate:
+    """An estimate whose interval over speakers is `value` +- `width`, and that over sounds half as wide."""
+    return TableEstimate(value, value - width / 2, value + width / 2, value - width, value + width)
+
+
+def split(name: str, difference: float, width: float = 0.02, still: float = 0.1, value: float = 1.0) -> SplitResult:
+    """A table in which all differences and all cells are the same; `still`: fraction of still frames of all rows."""
+    table = TABLES[name]
+    cells = {column.metric: around(value) for column in table.columns} | {STILL: around(still)}
+    rows = dict.fromkeys(("truth", *table.rows), cells)
+    return SplitResult(rows, {each.key: around(difference, width) for each in tables.comparisons(name)})
+
+
+def with_still(one: SplitResult, row: str, fraction: float) -> SplitResult:
+    return replace(one, rows={**one.rows, row: {**one.rows[row], STILL: around(fraction)}})
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_verdict_is_that_of_more_than_half_of_the_seeds(family: str) -> None:
+    above, below, unclear = (split("table5", value) for value in (0.1, -0.1, 0.01))
+    for seeds, expected in (
+        ([above], claims.REPRODUCED),
+        ([above, above, unclear], claims.REPRODUCED),
+        ([above, unclear], claims.UNDECIDED),
+        ([above, below, unclear], claims.UNDECIDED),
+        ([below, below, above], claims.NOT_REPRODUCED),
+        ([unclear] * 3, claims.UNDECIDED),
+    ):
+        assert judge(MORE_DIVERSE, family, seeds).verdict == expected
+
+
+def test_the_interval_is_that_over_speakers() -> None:
+    """An interval over sounds that excludes zero does not suffice."""
+    one = split("table5", 0.015)
+    found = next(iter(one.differences.values()))
+    assert found.low > 0 > found.speakers_low
+    assert judge(MORE_DIVERSE, PRINTED, [one]).verdict == claims.UNDECIDED
+
+
+def test_reason_has_the_difference_and_the_seeds() -> None:
+    reason = judge(MORE_DIVERSE, PRINTED, [split("table5", 0.1), split("table5", 0.3)]).reason
+    assert reason == "TalkingEyes as printed − VAE: +0.200 (+0.180 to +0.220; 2 of 2 seeds)"
+
+
+def test_no_difference_is_an_interval_within_the_tolerance() -> None:
+    for difference, width, expected in (
+        (0.05, 0.02, claims.REPRODUCED),  # within 0.1 of a value of 1, though not zero
+        (0.0, 0.2, claims.UNDECIDED),
+        (0.15, 0.02, claims.NOT_REPRODUCED),
+        (-0.15, 0.02, claims.NOT_REPRODUCED),
+        (0.09, 0.02, claims.UNDECIDED),
+    ):
+        assert judge(NO_EFFECT, SEQUENCE, [split("table7", difference, width)]).verdict == expected
+    assert judge(NO_EFFECT, PRINTED, [split("table7", 0.05, value=0.2)]).verdict == claims.NOT_REPRODUCED
+
+
+def test_frozen_eyes_decide_nothing_in_the_columns_of_the_eyes() -> None:
+    frozen = with_still(split("table5", 0.1), "talkingeyes_paper", 0.9)
+    assert judge(MORE_DIVERSE, PRINTED, [frozen]) == Verdict(claims.UNDECIDED, "the eyes stand still")
+    assert judge(MORE_DIVERSE, SEQUENCE, [frozen]).verdict == claims.REPRODUCED, "another row"
+    assert judge(HEAD_CORR, PRINTED, [frozen]).verdict == claims.REPRODUCED, "a column of the head"
+
+
+def test_rows_that_stand_still_in_the_paper_may_stand_still() -> None:
+    still_mean = with_still(split("table3", 0.1), "mean", 1.0)
+    assert judge(HIGHEST, PRINTED, [still_mean]).verdict == claims.REPRODUCED
+    assert judge(LIKE_MEAN, PRINTED, [still_mean]).verdict == claims.UNDECIDED  # 0.1 +- 0.02 of 1.0
+    still_without = with_still(split("table6", 0.1), "without_regularity", 1.0)
+    assert judge(STANDS_STILL, PRINTED, [still_without]).verdict == claims.REPRODUCED
+    both = with_still(still_without, "talkingeyes_paper", 0.9)
+    assert judge(STANDS_STILL, PRINTED, [both]).reason == "the eyes stand still"
+
+
+def test_a_claim_of_several_comparisons_needs_all() -> None:
+    one = split("table3", 0.1)
+    (first, *_) = HIGHEST.comparisons
+    for value, expected in ((0.0, claims.UNDECIDED), (-0.1, claims.NOT_REPRODUCED)):
+        changed = replace(one, differences={**one.differences, first.key: around(value)})
+        assert judge(HIGHEST, PRINTED, [changed]).verdict == expected
+
+
+def test_rows_that_a_family_lacks_or_shares() -> None:
+    assert judge(STANDS_STILL, SEQUENCE, [split("table6", 0.1)]) == Verdict("", claims.NO_ROW)
+    assert judge(LIKE_MEAN, SEQUENCE, [split("table3", 0.1)]) == Verdict("", claims.SAME_ROWS)
+    unmeasured = SplitResult(split("table5", 0.1).rows, {})
+    assert judge(MORE_DIVERSE, PRINTED, [unmeasured]) == Verdict(claims.UNDECIDED, claims.NOT_MEASURED)
+
+
+def test_the_papers_own_numbers_reproduce_its_claims() -> None:
+    """The direction of each comparison of a column with numbers is that of the paper."""
+    checked = 0
+    for each in CLAIMS:
+        table = TABLES[each.table]
+        metrics = [column.metric for column in table.paper_columns]
+        for comparison in each.comparisons:
+            numbers = [table.rows.get(row) for row in (comparison.higher, comparison.lower)]
+            if comparison.metric not in metrics or None in numbers:
+                assert comparison.metric in {column.metric for column in table.columns}
+                continue
+            higher, lower = (values[metrics.index(comparison.metric)] for values in numbers if values is not None)
+            assert abs(higher - lower) < claims.TOLERANCE * lower if each.equal else higher > lower
+            checked += 1
+    assert checked > 25
+
+
+def result(name: str, seed: int, configuration: str = "aa") -> SeedResult:
+    of_split = split(name, 0.1 + seed, value=1.0 + seed)
+    return SeedResult(name, seed, configuration, "rev", {"vae": "800 × 12"}, {"test": of_split, "unseen": of_split})
+
+
+def write(folder: Path, *results: SeedResult) -> None:
+    folder.mkdir(exist_ok=True)
+    for each in results:
+        (folder / f"{each.table}-{each.seed}.json").write_text(json.dumps(to_json(each)))
+
+
+def test_a_seed_is_added_to_those_that_are_there(tmp_path: Path) -> None:
+    write(tmp_path, result("table5", 1), result("table3", 0))
+    before = tables.read_results(tmp_path)
+    assert [(name, [each.seed for each in seeds]) for name, seeds in before.items()] == [
+        ("table3", [0]),
+        ("table5", [1]),
+    ]
+    write(tmp_path, result("table5", 0))
+    results = tables.read_results(tmp_path)
+    assert results["table5"] == [result("table5", 0), result("table5", 1)]
+    found = as_json(results)["tables"]["table5"]["rows"]["vae"]["unseen"]["gaze/corr"]
+    assert (found["value"], found["seed_min"], found["seed_max"]) == (1.5, 1.0, 2.0)
+    assert [each["interval_over"] for each in found["intervals"]] == ["sounds", "speakers"]
+    assert found["intervals"][1]["low"] == pytest.approx(1.48)
+    text = tables.document(results)
+    assert "Means over the seeds 0, 1." in text
+    assert "| VAE (head: VAE, eyes: VAE) | 1.500 (0.096) |" in text
+    assert "**reproduced**: TalkingEyes as printed − VAE: +0.600" in text
+    assert "| Table V, unseen, codes in sequence | +1.00 |" in text
+
+
+def test_results_survive_their_file() -> None:
+    one = result("table7", 2)
+    assert from_json(json.loads(json.dumps(to_json(one)))) == one
+
+
+def test_seeds_of_another_configuration_are_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path, result("table5", 0), result("table5", 1, configuration="bb"))
+    with pytest.raises(InputError, match=r"table5-1\.json: should have configuration aa, got bb"):
+        tables.read_results(tmp_path)
+    (tmp_path / "table5-1.json").write_text("{}")
+    with pytest.raises(InputError, match=r"table5-1\.json: should be a result of pipelines\.tables, got KeyError"):
+        tables.read_results(tmp_path)
+    # The command stops before it computes anything.
+    write(tmp_path / "tables_seeds", result("table5", 0))
+    monkeypatch.setattr("sys.argv", ["tables", "seeds=1", "--out", str(tmp_path)])
+    with pytest.raises(SystemExit) as stopped:
+        run_command(tables.main)
+    assert stopped.value.code == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "remove the file, or give another --out" in line
+
+
+def test_a_run_adds_its_seed_to_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`seeds=1` computes seed 1 alone, and writes the page of seeds 0 and 1."""
+    computed = []
+
+    def compute(name: str, seed: int, params: dict[str, object], configuration: str) -> SeedResult:
+        computed.append((name, seed, params["train"]))
+        return result(name, seed, configuration)
+
+    monkeypatch.setattr(tables, "compute", compute)
+    configuration = tables.configuration_hash(tables.options([]).overrides)
+    write(tmp_path / "tables_seeds", result("table6", 0, configuration))
+    monkeypatch.setattr("sys.argv", ["tables", "tables=table6", "seeds=1", "--out", str(tmp_path)])
+    tables.main()
+    assert computed == [("table6", 1, {"seed": 1})]
+    assert sorted(path.name for path in (tmp_path / "tables_seeds").iterdir()) == ["table6-0.json", "table6-1.json"]
+    assert "Means over the seeds 0, 1." in (tmp_path / "tables.md").read_text()
+    assert json.loads((tmp_path / "tables.json").read_text())["tables"]["table6"]["seeds"] == [0, 1]
+
+
+def test_a_table_of_a_seed_is_computed_from_its_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two speakers with two sounds each; Corr. of the eyes of `sequence` is 0.1 above that of all other rows."""
+    (params,) = table_runs.configs_by_seed(["experiment=paper_tables"], [1])
+    asked = []
+
+    def compute_rows(
+        made: list[dict[str, Any]], kind: table_runs.RowSpec, critic: bool, title: str
+    ) -> table_runs.TableRows:
+        asked.append((made, kind.models, title))
+        by_name = {}
+        for row in (*kind.references, *kind.models):
+            path = tmp_path / f"{row}.json"
+            corr = 0.5 if row == "sequence" else 0.4
+            sounds = [
+                {"speaker": name, "metrics": dict.fromkeys(SOUND_METRICS, 0.2) | {"gaze/corr": corr + shift}}
+                for name, shift in (("a", 0.0), ("a", 0.1), ("b", 0.2), ("b", 0.3))
+            ]
+            long = [{"speaker": "a", "metrics": {"head/speed_above_5hz": 2.0}}]
+            path.write_text(json.dumps({"sounds": {"unseen": sounds}, "long": {"unseen": long}}))
+            by_name[row] = [table_runs.RowResult(row, path)]
+        return table_runs.TableRows(by_name, {})
+
+    monkeypatch.setattr(tables, "compute_rows", compute_rows)
+    found = tables.compute("table6", 1, params, "aa")
+    assert asked == [([params], tuple(TABLES["table6"].rows), "table6, seed 1")]
+    assert (found.table, found.seed, list(found.splits)) == ("table6", 1, ["unseen"])
+    assert found.budgets["sequence"] == found.budgets["without_velocity"] == "800 × 12 windows at 0.002"
+    cells = found.splits["unseen"].rows["sequence"]
+    assert cells["gaze/corr"].value == pytest.approx(0.65)
+    assert cells["gaze/diversity_ratio"].value == pytest.approx(1.0)
+    assert cells["head/speed_above_5hz"].value == 2.0
+    velocity = judge(claim("Without L_vel, Corr. of the eyes"), SEQUENCE, [found.splits["unseen"]])
+    assert velocity.verdict == claims.REPRODUCED
+    assert velocity.reason.endswith("Codes in sequence, without velocity loss: +0.100 (+0.100 to +0.100; 1 of 1 seeds)")
+    assert judge(claim("Without L_vel, L2 of the head"), PRINTED, [found.splits["unseen"]]).verdict == claims.UNDECIDED
+
+
+def test_configuration_depends_on_rows_but_not_on_seeds_and_folders() -> None:
+    base = ["experiment=[paper_tables]"]
+    same = tables.configuration_hash(base)
+    assert tables.configuration_hash([*base, "workspace=elsewhere", "machine.jobs=1"]) == same
+    for override in (
+        "model.sequence.weights.head_kl=0.5",
+        "pretrain.gaze_frames.loop.steps=5",
+        "synthesize.clips=300",
+    ):
+        assert tables.configuration_hash([*base, override]) != same
