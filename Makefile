@@ -124,7 +124,7 @@ release-report: setup  ## After make repro: measure the packaged models on a sea
 face: setup  ## ProbTalk3D's Table 1: every model of the face, three seeds (docs/face_table.md); goes on where it was killed
 	$(BIN)/python -m pipelines.face_table
 
-tables: setup  ## TalkingEyes Tables III, V, VI and VII on three seeds (docs/tables.md); goes on where it was killed. tables=table3,table7 seeds=0
+tables: setup  ## TalkingEyes Tables III, V, VI and VII and their claims on three seeds (docs/tables.md); resumes. tables=table3,table7 seeds=0
 	$(BIN)/python -m pipelines.tables $(if $(tables),tables=$(tables)) $(if $(seeds),seeds=$(seeds))
 
 reference-ranges: setup  ## How eyes, head, lids and jaw of the corpus move, beside reference ranges of people. Another: corpus=DIR

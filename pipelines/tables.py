@@ -73,7 +73,7 @@ def main() -> None:
             result = compute(name, seed, params, configuration)
             folder.mkdir(parents=True, exist_ok=True)
             with atomic_write(folder / f"{name}-{seed}.json") as temporary:
-                temporary.write_text(json.dumps(to_json(result), indent=1) + "\n")
+                temporary.write_text(json.dumps(to_json(result)) + "\n")
     results = read_results(folder, configuration)
     (wanted.out / "tables.json").write_text(json.dumps(as_json(results), indent=1) + "\n")
     (wanted.out / "tables.md").write_text(document(results))

@@ -1,7 +1,7 @@
 """Draws head-vae-vqvae.webp: heads of a VAE and of a VQ-VAE for one sound (TalkingEyes, Fig. 7).
 
-Run     python -m pipelines.experiment experiment=table5 target=train@talkingeyes_paper
-        python -m pipelines.experiment experiment=table5 target=train@vqvae_head
+Run     python -m pipelines.experiment experiment=paper_tables target=train@talkingeyes_paper
+        python -m pipelines.experiment experiment=paper_tables target=train@vqvae_head
         python docs/pictures/head_generators.py build/tables/data [OUT.webp]
 Reads   train/talkingeyes_paper (head: VAE), train/vqvae_head, the corpus and its embedding
 Writes  the picture; prints range and speed of each head

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from talkingeyes.evaluation.tables.definitions import SEQUENCE, TABLES, TITLES, PaperTable
+from talkingeyes.evaluation.tables.definitions import SEQUENCE, TABLES
 from talkingeyes.evaluation.tables.rank_order import sign
 from talkingeyes.evaluation.tables.seed_result import Comparison, SplitResult, majority_sign, mean_over_seeds
 
@@ -190,15 +190,16 @@ def judge(claim: Claim, family: str, seeds: Sequence[SplitResult]) -> Verdict:
         return Verdict("", NO_ROW)
     if family == SEQUENCE and comparisons == claim.comparisons:
         return Verdict("", SAME_ROWS)
-    verdicts = [_judge(each, claim.equal, seeds) for each in comparisons]
+    headings = _headings(claim)
+    verdicts = [_judge(each, claim.equal, headings[each.metric], seeds) for each in comparisons]
     for wanted in (NOT_REPRODUCED, UNDECIDED):
         found = next((each for each in verdicts if each.verdict == wanted), None)
         if found is not None:
             return found
-    return Verdict(REPRODUCED, "; ".join(each.reason for each in verdicts))
+    return Verdict(REPRODUCED, "<br>".join(each.reason for each in verdicts))
 
 
-def _judge(comparison: Comparison, equal: bool, seeds: Sequence[SplitResult]) -> Verdict:
+def _judge(comparison: Comparison, equal: bool, heading: str, seeds: Sequence[SplitResult]) -> Verdict:
     differences = [each.differences[comparison.key] for each in seeds if comparison.key in each.differences]
     if not seeds or len(differences) < len(seeds):
         return Verdict(UNDECIDED, NOT_MEASURED)
@@ -213,13 +214,12 @@ def _judge(comparison: Comparison, equal: bool, seeds: Sequence[SplitResult]) ->
         ]
     else:
         signs = [sign(each) for each in differences]
-    decided = majority_sign(signs)
-    mean = mean_over_seeds(differences)
-    factor = "" if comparison.factor == 1 else f"{comparison.factor:g} × "
+    mean, factor = mean_over_seeds(differences), "" if comparison.factor == 1 else f"{comparison.factor:g} × "
     return Verdict(
-        {1: REPRODUCED, -1: NOT_REPRODUCED, 0: UNDECIDED}[decided],
-        f"{factor}{_short(comparison.higher)} − {_short(comparison.lower)}: {mean.value:+.3f} "
-        f"({mean.speakers_low:+.3f} to {mean.speakers_high:+.3f}; {signs.count(decided)} of {len(signs)} seeds)",
+        {1: REPRODUCED, -1: NOT_REPRODUCED, 0: UNDECIDED}[majority_sign(signs)],
+        f"{heading}, {factor}`{comparison.higher}` − `{comparison.lower}`: {mean.value:+.3f} "
+        f"({mean.speakers_low:+.3f} to {mean.speakers_high:+.3f}); "
+        f"of {len(signs)} seeds {signs.count(1)} for, {signs.count(-1)} against",
     )
 
 
@@ -235,13 +235,13 @@ def _stands_still(comparison: Comparison, seeds: Sequence[SplitResult]) -> bool:
     return max(fractions, default=0.0) > STILL_FRACTION
 
 
-def _short(row: str) -> str:
-    return TITLES[row].partition(" (")[0]
-
-
-def experiment(claim: Claim, table: PaperTable) -> str:
+def experiment(claim: Claim) -> str:
     """The experiment that decides a claim: our table, its columns, and the rows that are compared."""
-    headings = {column.metric: column.heading for column in table.columns}
+    headings = _headings(claim)
     columns = dict.fromkeys(headings[each.metric] for each in claim.comparisons)
     rows = dict.fromkeys(row for each in claim.comparisons for row in (each.higher, each.lower))
     return f"`tables={claim.table}`, {', '.join(columns)}: {', '.join(f'`{row}`' for row in rows)}"
+
+
+def _headings(claim: Claim) -> dict[str, str]:
+    return {column.metric: column.heading for column in TABLES[claim.table].columns}

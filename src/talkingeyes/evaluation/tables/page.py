@@ -87,7 +87,7 @@ def _claims(results: Results) -> str:
         seeds = by_split(results[claim.table]).get(SHOWN_SPLIT) if claim.table in results else None
         if seeds:
             verdicts = [_verdict(judge(claim, family, seeds)) for family in FAMILIES]
-            lines.append([f"{claim.text} ({claim.source})", *verdicts, experiment(claim, TABLES[claim.table])])
+            lines.append([f"{claim.text} ({claim.source})", *verdicts, experiment(claim)])
     return "\n".join([CLAIMS_TEXT, markdown_table(["claim", *FAMILIES.values(), "experiment"], lines), ""])
 
 
