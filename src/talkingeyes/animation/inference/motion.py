@@ -74,7 +74,7 @@ class NumpyMotionGenerator:
         model, tensors = checkpoint.config["model"], checkpoint.tensors
         self.speakers: tuple[str, ...] = tuple(checkpoint.config["speakers"]) if model["conditions"] else ()
         self._scales = model["conditions"][0]["embedding_scale"] if model["conditions"] else None
-        self._guidance_scale: dict[str, float] = model["guidance_scale"]
+        self._guidance_scale = {part: np.float32(model["guidance_scale"][part]) for part in ("head", "gaze")}
         self._tensors, self._speech = tensors, SpeechProjection(tensors, model["speech"])
         self._head = _Process.of(
             tensors_under(tensors, "head.process"), model["head"]["process"], model["head"]["temperature"]
@@ -92,7 +92,7 @@ class NumpyMotionGenerator:
         in any batch."""
         speech, mean = self._speech(embedding), self._speech.mean_features(len(embedding))
         conditions = {
-            part: self._with_speaker(mean + np.float32(scale) * (speech - mean), speaker, part)
+            part: self._with_speaker(mean + scale * (speech - mean), speaker, part)
             for part, scale in self._guidance_scale.items()
         }
         head = self._sample_head(conditions["head"], seeds)
