@@ -112,7 +112,7 @@ packaged-models: setup  ## Put trained default models into the package: those of
 # Two models train at once, each in a workspace of its own, with one store of results.
 RELEASE = $(BIN)/python -m pipelines.experiment experiment=release_models result_store=build/release/store
 release-models: setup  ## Train the packaged models on 20 hours of seven languages; goes on where it was killed
-	for target in critic train@random train@similar train@untrained; do $(RELEASE) target=$$target || exit $$?; done
+	for target in fit embed; do $(RELEASE) target=$$target || exit $$?; done
 	$(RELEASE) target=information@talkingeyes_live workspace=build/release/live & live=$$!; \
 		$(RELEASE) target=information@talkingeyes_events; failed=$$?; wait $$live && exit $$failed
 	for target in information@talkingeyes_live train@probtalk3d; do $(RELEASE) target=$$target || exit $$?; done

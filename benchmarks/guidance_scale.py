@@ -1,8 +1,8 @@
 """How gaze depends on the guidance scale: what speech tells about it, its amount and its spread, for trained models.
 
-Run     python -m pipelines.experiment experiment=development target=embed    (five minutes, once)
+Run     python -m pipelines.experiment experiment=development target=embed    (once)
         python -m benchmarks.guidance_scale [MODEL ...]    (folders of the train stage or packed files; by default the
-        packaged models, data/train/talkingeyes and data/train/talkingeyes_events; 15 minutes)
+        packaged models and data/train/talkingeyes_events)
 Reads   build/development/data: synthesize, embed; the models
 Writes  a row of the true motion, then a table for each model with a row for each scale of SCALES
 
@@ -41,7 +41,7 @@ from talkingeyes.training.conditioning import ConditioningPaths, ConditioningPro
 from talkingeyes.training.motion_generators import NetworkGenerator, load_generator, required_inputs, training_speakers
 
 DATA = Path("build/development/data")
-MODELS = (PACKAGED_MODEL, PACKAGED_LIVE_MODEL, Path("data/train/talkingeyes"), Path("data/train/talkingeyes_events"))
+MODELS = (PACKAGED_MODEL, PACKAGED_LIVE_MODEL, Path("data/train/talkingeyes_events"))
 SCALES = (1.0, 1.25, 1.5, 1.75, 2.0, 2.5)
 SAMPLES = 2
 METRIC_NAMES = (

@@ -1,7 +1,8 @@
 """Measure the packaged models on a sealed corpus, and append the figures to docs/releases.md.
 
 Run     make release-report        (python -m pipelines.release_report), after make repro
-Reads   the packaged models of head and gaze; data/train and data/critic of the default chain: baselines and critics
+Reads   the packaged models of head and gaze; of the default chain in data/: baselines, critics, and real motion of the
+        train split, which hazards of gaze aversion are fitted to
 Writes  build/sealed: a corpus of 300 sounds of 50 people from a seed of its own; docs/releases.md
 
 Every other stage refuses this corpus (`Workspace.corpus`), so that nothing is chosen by its figures.
@@ -88,7 +89,7 @@ def run() -> None:
 
 
 def _sealed_workspace() -> Workspace:
-    """The sealed corpus with its fitted motion and features, and the critics of the release. All of it is unseen."""
+    """The sealed corpus with its fitted motion and features, and the critics of the chain. All of it is unseen."""
     params = compose(["experiment=sealed"])
     workspace = Workspace(SEALED, params)
     corpus = Corpus(workspace.data("synthesize"))
