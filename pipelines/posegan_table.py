@@ -29,7 +29,12 @@ from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, run_command
 
 HEADS = ("head_mean", "head_random", "head_similar", "head_cnn", "head_vae", "head_vqvae", "posegan")
-ABLATIONS = ("posegan_without_motion", "posegan_without_initial_pose")
+ABLATIONS = (
+    "posegan_without_motion",
+    "posegan_without_initial_pose",
+    "posegan_motion_discriminator",
+    "posegan_speech_discriminator",
+)
 GAZE = tuple(f"{name}_then_gaze" for name in HEADS)
 INTRODUCTION = """# Personal head motion: the tables
 

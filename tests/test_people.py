@@ -204,6 +204,9 @@ def test_classifier_tells_only_what_differs(population):
     assert reference.low <= reference.value <= reference.high and 0.25 < reference.value < 0.7
     with pytest.raises(InputError, match="needs 20 sequences of 10 fixations, got 5"):
         two_sample_auc(Sequences(people.features[:5], people.owner[:5]), same, SETTINGS)
+    three = people.owner < 3
+    with pytest.raises(InputError, match="needs 4 people"):
+        two_sample_auc(Sequences(people.features[three], people.owner[three]), same, SETTINGS)
 
 
 def test_classifier_cannot_know_people_by_their_durations_on_another_grid(population):

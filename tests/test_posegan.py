@@ -43,6 +43,7 @@ from talkingeyes.evaluation.head_pose.transfer import blend_styles
 from talkingeyes.evaluation.head_pose.windows import PoseWindows, pose_windows, sliding_windows
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.sag import FaceSurface
+from talkingeyes.models.head.discriminator import Discriminator, DiscriminatorContext, DiscriminatorSettings
 from talkingeyes.models.head.pose_generator import PoseInputs, TrainingWindows
 from talkingeyes.orchestration.config import compose
 from talkingeyes.training.checkpoint import load, save
@@ -104,7 +105,7 @@ def settings(name: str, **changes: Any) -> PoseTaskSettings:
     if node["loop"]:
         node["loop"] |= {"steps": 4, "batch": 4, "validate_every": 2}
     if node["discriminator"]:
-        node["discriminator"] = {"width": 8, "layers": 3}
+        node["discriminator"] |= {"width": 8, "layers": 3}
     return PoseTaskSettings.model_validate({**node, **changes})
 
 
@@ -230,6 +231,24 @@ class TestContest:
         moved = {name for name, value in before.items() if not torch.equal(value, after[name])}
         assert any(name.startswith("discriminator.") for name in moved)
         assert any(name.startswith("head.") for name in moved)
+
+    @pytest.mark.parametrize("conditions", [(), ("speaker",), ("pose", "speech"), ("speaker", "pose", "speech")])
+    def test_discriminator_sees_motion_and_its_conditions_alone(self, conditions: tuple[str, ...]) -> None:
+        torch.manual_seed(0)
+        settings = DiscriminatorSettings.model_validate({"width": 8, "layers": 3, "conditions": conditions})
+        discriminator = Discriminator(settings, speakers=2, channels=CHANNELS)
+        rng = np.random.default_rng(0)
+        pose, speech = (torch.from_numpy(rng.standard_normal((1, 64, each), np.float32)) for each in (6, CHANNELS))
+        one, other = torch.eye(2)[:1], torch.eye(2)[1:]
+
+        def score(pose: torch.Tensor, style: torch.Tensor, speech: torch.Tensor) -> np.ndarray:
+            return discriminator(pose, DiscriminatorContext(style, speech)).detach().numpy()
+
+        plain = score(pose, one, speech)
+        assert not np.allclose(score(pose * 1.5, one, speech), plain, atol=1e-4)
+        assert ("speaker" in conditions) != np.allclose(score(pose, other, speech), plain, atol=1e-4)
+        assert ("pose" in conditions) != np.allclose(score(pose + 1, one, speech), plain, atol=1e-4)
+        assert ("speech" in conditions) != np.allclose(score(pose, one, speech.flip(1)), plain, atol=1e-4)
 
     def test_discriminator_learns_without_gradient_to_generator(self) -> None:
         made = task("posegan")

@@ -41,6 +41,7 @@ NO_STAGE = {
     "paper_table_rows",
     "params",
     "people",
+    "population",
     "posegan_table",
     "pruned_sweep",
     "real_videos",

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.poses import PoseSettings
 from talkingeyes.models.condition.conditioner import ConditioningInputs, InputName
-from talkingeyes.models.head.discriminator import Discriminator, DiscriminatorSettings
+from talkingeyes.models.head.discriminator import Discriminator, DiscriminatorContext, DiscriminatorSettings
 from talkingeyes.models.head.pose_generator import (
     POSE_GENERATORS,
     PoseComponentSettings,
@@ -74,7 +74,9 @@ class SpeechToPose(nn.Module):
         self.style_embedding = nn.Linear(len(speakers), settings.speech.width, bias=False)
         embedding = len(self.speech.channel_indices)
         self.head: PoseGenerator = POSE_GENERATORS.build(settings.head, settings.speech.width, embedding)
-        self.discriminator = Discriminator(settings.discriminator, len(speakers)) if settings.discriminator else None
+        self.discriminator = (
+            Discriminator(settings.discriminator, len(speakers), embedding) if settings.discriminator else None
+        )
         self.register_buffer("scale", torch.ones(6))
         self.register_buffer("mean_pose", torch.zeros(6))
         self.register_buffer("start_poses", torch.zeros(len(speakers), START_POSES, 6))
@@ -90,14 +92,14 @@ class SpeechToPose(nn.Module):
         predicted = self.head.predict(self.encode_speech(batch.speech, batch.style), true)
         loss_terms = dict(predicted.loss_terms)
         if self.discriminator is not None:
-            loss_terms["adversarial"] = self.discriminator.generator_loss(predicted.pose, batch.style)
+            loss_terms["adversarial"] = self.discriminator.generator_loss(predicted.pose, self._context(batch))
         total = sum(weight * loss_terms[name] for name, weight in self.settings.weights.items())
         return PosePrediction(predicted.pose, {"total": total, **loss_terms})  # type: ignore[dict-item]
 
     def discriminator_terms(self, batch: PoseBatch, generated: Float[Tensor, "B T 6"]) -> dict[str, Tensor]:
         """Loss terms of the discriminator for generated poses (in standard deviations)."""
         assert self.discriminator is not None
-        return self.discriminator.loss_terms(batch.pose / self.scale, generated.detach(), batch.style)
+        return self.discriminator.loss_terms(batch.pose / self.scale, generated.detach(), self._context(batch))
 
     def stream(
         self, speech: Float[ndarray, "T C"], seeds: Sequence[int], style: Float[ndarray, " K"]
@@ -138,6 +140,9 @@ class SpeechToPose(nn.Module):
     ) -> Float[Tensor, "S T 6"]:
         part = torch.from_numpy(np.array(speech, np.float32)).to(styles.device).expand(len(generators), -1, -1)
         return self.head.sample(self.encode_speech(part, styles), start, generators)
+
+    def _context(self, batch: PoseBatch) -> DiscriminatorContext:
+        return DiscriminatorContext(batch.style, self.speech.standardise(batch.speech))
 
     def _start(self, style: Float[Tensor, " K"], generators: torch.Generator) -> Float[Tensor, " 6"]:
         """A random stored pose of the speaker with the largest weight; the paper starts at rest."""

@@ -104,19 +104,21 @@ def gaze_intervals(
     """Alternating gaze states from WARM_UP_S before the clip, so that it starts in mid-conversation, to its end."""
     cues = sample_gaze_cues(annotation, style, rng)
     time = -WARM_UP_S
-    looking = style.partner_gaze_listening if _listens(annotation.listening, time) else style.partner_gaze_speaking
+    looking = style.partner_gaze_listening if listens(annotation.listening, time) else style.partner_gaze_speaking
     averted, cause = bool(rng.random() > looking), _cause_at(cues, time)
     states: list[GazeInterval] = []
     while time < seconds:
-        listens = _listens(annotation.listening, time)
-        end = _end_away(time, cues, listens, style, rng) if averted else _end_looking(time, cues, listens, style, rng)
+        listening = listens(annotation.listening, time)
+        end = (
+            _end_away(time, cues, listening, style, rng) if averted else _end_looking(time, cues, listening, style, rng)
+        )
         states.append(GazeInterval(time, end, averted, cause))
         time, averted = end, not averted
         cause = _cause_at(cues, time)
     return states
 
 
-def _listens(listening: tuple[Span, ...], time_s: float) -> bool:
+def listens(listening: tuple[Span, ...], time_s: float) -> bool:
     """Whether the partner has the turn."""
     return any(span.start_s <= time_s < span.end_s for span in listening)
 
@@ -129,10 +131,12 @@ def _cause_at(cues: GazeCues, time_s: float) -> AversionCause:
     return "intimacy"
 
 
-def _end_looking(time_s: float, cues: GazeCues, listens: bool, style: SpeakerStyle, rng: np.random.Generator) -> float:
+def _end_looking(
+    time_s: float, cues: GazeCues, listening: bool, style: SpeakerStyle, rng: np.random.Generator
+) -> float:
     """End of an interval of gaze at the partner: the next aversion cue, or a duration sampled for the style."""
     earliest = time_s + MIN_DWELL_S
-    if listens:
+    if listening:
         odds = style.partner_gaze_listening / (1.0 - style.partner_gaze_listening)
         mean_s = LISTENING_SCALE * INTIMACY_LISTENING_S[0] * odds / style.liveliness
         spontaneous_end_s = time_s + mean_s * max(0.1, 1.0 + LISTENING_SPREAD * rng.standard_normal())
@@ -144,10 +148,10 @@ def _end_looking(time_s: float, cues: GazeCues, listens: bool, style: SpeakerSty
     return float(min([max(spontaneous_end_s, earliest), *wanted]))
 
 
-def _end_away(time_s: float, cues: GazeCues, listens: bool, style: SpeakerStyle, rng: np.random.Generator) -> float:
+def _end_away(time_s: float, cues: GazeCues, listening: bool, style: SpeakerStyle, rng: np.random.Generator) -> float:
     """End of an aversion: that of its cue or a sampled duration, or an earlier return cue."""
     earliest = time_s + MIN_DWELL_S
-    if listens:
+    if listening:
         length_s = rng.normal(*INTIMACY_LISTENING_S)
     else:
         length_s = _away_odds(style) ** AVERSION_STYLE_EXPONENT * rng.normal(*INTIMACY_TALKING_S)

@@ -72,11 +72,9 @@ class GazeBuilder:
             self.saccades[-1].onset_s + self.saccades[-1].duration_s + MIN_INTERSACCADIC_S if self.saccades else -np.inf
         )
 
-    def enter_interval(self, interval: GazeInterval) -> None:
-        """Shift gaze, head contribution and vergence distance to a new state."""
-        onset_s = self.shift(
-            interval.start_s, self.aversion_point(interval.cause) if interval.averted else self.point_on_face()
-        )
+    def enter_interval(self, interval: GazeInterval, target_rad: Float[ndarray, " 2"]) -> None:
+        """Shift gaze to a target, and head contribution and vergence distance to a new state."""
+        onset_s = self.shift(interval.start_s, target_rad)
         distance_m = self.rng.uniform(*AVERSION_DISTANCE_M) if interval.averted else self.partner_distance_m
         self.vergence_movements.append(VergenceMovement(onset_s, float(distance_m)))
         self.add_head_contribution(onset_s, interval)
@@ -183,18 +181,19 @@ def octant_probabilities(cause: AversionCause) -> Float[ndarray, " 8"]:
     return shares
 
 
-def generate_gaze(
-    states: Sequence[GazeInterval],
-    style: SpeakerStyle,
-    head_s: Float[ndarray, " T"],
-    head_space_rad: Float[ndarray, "T 2"],
-    rng: np.random.Generator,
+def start_gaze(
+    style: SpeakerStyle, head_s: Float[ndarray, " T"], head_space_rad: Float[ndarray, "T 2"], rng: np.random.Generator
 ) -> GazeBuilder:
-    """Sample gaze through all states. `head_space_rad` (yaw, pitch) at `head_s`: head without contribution."""
+    """Gaze at the partner, whose place is sampled. `head_space_rad` (yaw, pitch) at `head_s`: head without
+    contribution."""
     partner = rng.normal(0.0, PARTNER_SPREAD_RAD)
     partner_distance_m = float(rng.uniform(*PARTNER_DISTANCE_M))
-    gaze_builder = GazeBuilder(style, head_s, head_space_rad, rng, partner, partner_distance_m, gaze_rad=partner)
+    return GazeBuilder(style, head_s, head_space_rad, rng, partner, partner_distance_m, gaze_rad=partner)
+
+
+def generate_gaze(gaze_builder: GazeBuilder, states: Sequence[GazeInterval]) -> None:
+    """Sample gaze through all states."""
     for interval in states:
-        gaze_builder.enter_interval(interval)
+        target = gaze_builder.aversion_point(interval.cause) if interval.averted else gaze_builder.point_on_face()
+        gaze_builder.enter_interval(interval, target)
         gaze_builder.scan(interval)
-    return gaze_builder

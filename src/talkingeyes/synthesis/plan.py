@@ -20,13 +20,13 @@ from talkingeyes.synthesis.acoustics import AcousticsSettings
 from talkingeyes.synthesis.detector_noise import NoiseSettings
 from talkingeyes.synthesis.individuality import individualise_style
 from talkingeyes.synthesis.observations import CameraSettings
-from talkingeyes.synthesis.speakers import Speaker, sample_speaker
+from talkingeyes.synthesis.speakers import Speaker, sample_speaker, with_habits
 from talkingeyes.synthesis.speech_synthesis import DialogueVoices
 from talkingeyes.synthesis.text import languages
 from talkingeyes.synthesis.voice_profiles import ACCENTS, VOICE_NAMES, apply_emotion, is_voice, sample_voice
 
 STREAMS = {"speaker": 1, "sound": 2, "motion": 3, "noise": 4, "takes": 5, "scene": 6, "partner": 7, "acoustics": 8}
-STREAMS |= {"individual": 9}
+STREAMS |= {"individual": 9, "habits": 10}
 MIN_LENGTH_RANGE_S = 0.5
 
 
@@ -73,6 +73,8 @@ class SynthesizeSettings(SourceSettings):
     multi_take_sounds: int = Field(ge=0)  # number in the test split, and number in the unseen split
     fps: float = Field(ge=5, le=500)  # of motion and observations
     blinks: Literal["physiological", "paper"]  # blink profile
+    # Gaze by the literature on conversations face to face, or as recorded in remote calls.
+    population: Literal["face_to_face", "remote_call"]
     individuality: float = Field(ge=0, le=3)  # additional differences between speakers in head motion
     languages: tuple[str, ...] = Field(min_length=1)  # speakers are assigned to them in turn
     voices: tuple[str, ...]  # of espeak-ng, such as en-us+f3; empty: all of these languages
@@ -163,7 +165,10 @@ def speaker_of(settings: SynthesizeSettings, sound: PlannedSound) -> Speaker:
         settings.voices,
     )
     own = seeded_generator(settings.seed, "individual", sound.speaker)
-    return replace(speaker, style=individualise_style(speaker.style, settings.individuality, own))
+    style = individualise_style(speaker.style, settings.individuality, own)
+    if settings.population != "face_to_face":
+        style = with_habits(style, settings.population, seeded_generator(settings.seed, "habits", sound.speaker))
+    return replace(speaker, style=style)
 
 
 def dialogue_voices(settings: SynthesizeSettings, sound: PlannedSound) -> DialogueVoices:

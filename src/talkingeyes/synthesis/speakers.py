@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from talkingeyes.head.eyelid.anatomy import EyelidParameters
 from talkingeyes.physiology.blinks import PHYSIOLOGICAL, BlinkProfile, sample_blink_rate
+from talkingeyes.physiology.gaze_population import GazeHabits, read_population, sample_habits
 from talkingeyes.physiology.lids import sample_eyelids
 from talkingeyes.synthesis.voice_profiles import Voice, sample_voice
 
@@ -16,6 +17,7 @@ LOOK_LISTENING = (9.0, 2.0)  # Beta: mean 0.82 (Argyle & Cook 1976: 75 %; Lee, B
 BLINK_COMPLETENESS = (7.0, 3.0)  # Beta: mean 0.7; full closure in half to three quarters of blinks (Sforza 2008)
 KAPPA_DEG, KAPPA_EYE_DEG, KAPPA_DOWN_DEG = (4.5, 1.2), 0.4, (1.0, 0.7)  # typically 5 temporal, 1 to 2 vertical
 IDENTITY_SHAPES = 6
+PARTNER_SHARES = (0.05, 0.95)  # bounds, where cues of speech depend on the share of gaze at the partner
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,8 @@ class SpeakerStyle:
     `translation_scale` its translation. `head_threshold` and `head_gain` are the eccentricity from which the head
     contributes to gaze shifts, and its gain. `speaking_lift` is the rise of the head while speaking,
     `blink_completeness` the proportion of blinks that close the lids, `kappa` the (yaw, pitch) from the visual to the
-    optical axis of the left and the right eye.
+    optical axis of the left and the right eye. `habits` are fixations of a recorded population; None: the laws of
+    gaze_aversion and gaze_shifts, from the literature on conversations face to face.
     """
 
     partner_gaze_speaking: float
@@ -58,6 +61,7 @@ class SpeakerStyle:
     expressiveness: float
     eyelids: tuple[EyelidParameters, EyelidParameters]
     kappa: tuple[tuple[float, float], tuple[float, float]]
+    habits: GazeHabits | None = None
 
 
 @dataclass(frozen=True)
@@ -122,3 +126,15 @@ def sample_speaker(
     """Sample a speaker of `language`, with one of `voices` if given."""
     voice, style = sample_voice(rng, language, voices), sample_style(rng, blinks, liveliness)
     return Speaker(name, voice, style, tuple(map(float, rng.standard_normal(IDENTITY_SHAPES))))
+
+
+def with_habits(style: SpeakerStyle, population: str, rng: np.random.Generator) -> SpeakerStyle:
+    """The style with the gaze of a person sampled from a recorded population (physiology/populations)."""
+    habits = sample_habits(read_population(population), rng)
+    speaking, listening = (habits.states[state].partner_share for state in ("speaking", "listening"))
+    return replace(
+        style,
+        habits=habits,
+        partner_gaze_speaking=float(np.clip(speaking, *PARTNER_SHARES)),
+        partner_gaze_listening=float(np.clip(listening, *PARTNER_SHARES)),
+    )

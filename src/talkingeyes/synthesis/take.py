@@ -23,7 +23,8 @@ from talkingeyes.physiology.render import ContinuousMotion, Sinusoids
 from talkingeyes.synthesis import emotion, head_gestures
 from talkingeyes.synthesis.brows import sample_brow_raises
 from talkingeyes.synthesis.gaze_aversion import WARM_UP_S, GazeInterval, gaze_intervals
-from talkingeyes.synthesis.gaze_shifts import generate_gaze
+from talkingeyes.synthesis.gaze_fixations import generate_fixations
+from talkingeyes.synthesis.gaze_shifts import generate_gaze, start_gaze
 from talkingeyes.synthesis.speakers import SpeakerStyle
 
 LID_DRIFT_RAD = np.radians(1.2)  # correlation time of half a second, up to 5 degrees; partly different between the eyes
@@ -70,10 +71,14 @@ def sample_take(
     ]
     head_s = np.arange(-WARM_UP_S, seconds + HEAD_GRID_S, HEAD_GRID_S)
     head = render.head_rotations(Events(head_movements=tuple(gestured)), continuous_motion, head_s)
-    states = gaze_intervals(annotation, style, seconds, rng)
-    gaze_builder = generate_gaze(
-        states, style, head_s, rotation.direction_to_angles(rotation.rotvec_to_direction(head)), rng
-    )
+    head_space_rad = rotation.direction_to_angles(rotation.rotvec_to_direction(head))
+    if style.habits is None:
+        states = gaze_intervals(annotation, style, seconds, rng)
+        gaze_builder = start_gaze(style, head_s, head_space_rad, rng)
+        generate_gaze(gaze_builder, states)
+    else:
+        gaze_builder = start_gaze(style, head_s, head_space_rad, rng)
+        states = generate_fixations(gaze_builder, annotation, style.habits, seconds)
     shifts = tuple(each for each in gaze_builder.saccades if each.onset_s < seconds)
     moves = sorted(gestured + gaze_builder.head_movements, key=lambda move: move.onset_s)
     past = [move for move in moves if move.onset_s + move.duration_s <= 0]

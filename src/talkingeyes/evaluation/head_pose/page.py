@@ -20,6 +20,8 @@ TITLES = {
     "posegan": "PoseGAN",
     "posegan_without_motion": "PoseGAN without motion loss",
     "posegan_without_initial_pose": "PoseGAN without initial pose",
+    "posegan_motion_discriminator": "PoseGAN, discriminator of motion",
+    "posegan_speech_discriminator": "PoseGAN, discriminator of speaker, pose and speech",
 }
 # Zhang et al., Tables 1 (means over five speakers: own, and all random columns), 2 and 3.
 PAPER_TABLE1 = (0.85, 0.65)

@@ -80,13 +80,15 @@ def _features(
 def two_sample_auc(people: Sequences, speakers: Sequences, settings: BootstrapSettings) -> Estimate:
     """AUC on people and speakers that the classifier has not seen, with its interval over people and speakers.
 
-    Raises InputError where either has too few sequences, or scikit-learn is not installed.
+    Raises InputError where either has too few people or sequences, or scikit-learn is not installed.
     """
     if min(len(people.owner), len(speakers.owner)) < MIN_SEQUENCES:
         raise InputError(
             f"two-sample test: needs {MIN_SEQUENCES} sequences of {LENGTH} fixations, got {len(people.owner)} of people"
             f" and {len(speakers.owner)} of speakers"
         )
+    if min(len(np.unique(each.owner)) for each in (people, speakers)) < FOLDS:
+        raise InputError(f"two-sample test: needs {FOLDS} people and speakers with enough fixations, got fewer")
     scores = [np.empty(len(each.owner)) for each in (people, speakers)]
     folds = [_folds(each.owner, settings.seed) for each in (people, speakers)]
     for fold in range(FOLDS):
