@@ -83,7 +83,10 @@ def main() -> None:
 def document(results: Results) -> str:
     """The whole page."""
     revisions = sorted({each.revision for seeds in results.values() for each in seeds})
-    return INTRODUCTION.format(revisions=", ".join(revisions), long_s=LONG_S, speakers=LONG_SPEAKERS) + page(results)
+    missing = [TABLES[name].title for name in TABLES if name not in results]
+    note = f"Not computed yet: {'; '.join(missing)}.\n\n" if missing else ""
+    introduction = INTRODUCTION.format(revisions=", ".join(revisions), long_s=LONG_S, speakers=LONG_SPEAKERS)
+    return introduction + note + page(results)
 
 
 def compute(name: str, seed: int, params: Mapping[str, Any], configuration: str) -> SeedResult:
