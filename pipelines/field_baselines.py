@@ -40,8 +40,8 @@ from talkingeyes.evaluation.paper_metrics.requirements import (
     to_json,
 )
 from talkingeyes.evaluation.paper_metrics.table3 import TITLES, markdown_row
-from talkingeyes.evaluation.people.fixations import STATES
 from talkingeyes.orchestration.run import Workspace, parallel_map, run_command
+from talkingeyes.physiology.gaze_population import STATES
 from talkingeyes.workflows.evaluate_people import MOTIONS, TRUTH, evaluate_people
 
 DOCS, BUILD = Path("docs"), Path("build/field_baselines")

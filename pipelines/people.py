@@ -23,9 +23,10 @@ from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.evaluation.people.comparison import as_markdown
-from talkingeyes.evaluation.people.fixations import STATES, VALIDATION_PEOPLE, Person, read_people, split_people
+from talkingeyes.evaluation.people.fixations import VALIDATION_PEOPLE, Person, read_people, split_people
 from talkingeyes.evaluation.people.likelihood import EmpiricalHistogram, PoissonGaussian, ShiftModel, Shifts, score
 from talkingeyes.orchestration.run import Workspace, run_command
+from talkingeyes.physiology.gaze_population import STATES
 from talkingeyes.workflows.evaluate_people import MOTIONS, RANDOM, TRUTH, UNIFORM, evaluate_people
 
 RECORDED = Path(__file__).resolve().parents[2] / "shared/data/real/gaze/conversation_fixations.csv.gz"

@@ -21,7 +21,6 @@ from talkingeyes.evaluation.people.baselines import HALF_RANGE_DEG, uniform_gaze
 from talkingeyes.evaluation.people.comparison import as_markdown, compare_with_people
 from talkingeyes.evaluation.people.distance import measure_distance, measure_floor, people_values
 from talkingeyes.evaluation.people.fixations import (
-    STATES,
     VALIDATION_PEOPLE,
     FixationRecord,
     Person,
@@ -42,6 +41,7 @@ from talkingeyes.evaluation.people.tracker import (
     track,
 )
 from talkingeyes.evaluation.people.two_sample import Sequences, reference_auc, sequences_of, two_sample_auc
+from talkingeyes.physiology.gaze_population import STATES
 from talkingeyes.workflows.evaluate_people import conversational_state, evaluate_people, people_text
 
 CLEAN = Tracker(noise_deg=0.0, drift_deg=1e-9, loss_per_s=(0.0, 0.0))

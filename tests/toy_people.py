@@ -11,9 +11,9 @@ from talkingeyes.core.motion import Blink
 from talkingeyes.core.rotation import eye_in_head
 from talkingeyes.corpus.gaze_datasets import CONVERSATION_CM, CONVERSATION_CM_PER_PX
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour, behaviour
-from talkingeyes.evaluation.people.fixations import STATES
 from talkingeyes.evaluation.people.tracker import TRACKER, GazeClip, detect_screen_fixations, track
 from talkingeyes.physiology import blinks, saccades
+from talkingeyes.physiology.gaze_population import STATES
 
 HEADING = "participant,state,segment,start_sample,length_samples,duration_ms,center_x_px,center_y_px"
 ANNOTATION = Annotation(speaking=(Span(2.0, 5.0), Span(6.0, 9.0)))

@@ -31,8 +31,9 @@ from talkingeyes.evaluation.benchmark.behaviour import behaviour
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.people.baselines import uniform_gaze_deg
 from talkingeyes.evaluation.people.comparison import as_text, compare_with_people
-from talkingeyes.evaluation.people.fixations import STATES, Person, read_people, split_people
+from talkingeyes.evaluation.people.fixations import Person, read_people, split_people
 from talkingeyes.evaluation.people.tracker import CLOSED, TRACKER, GazeClip, record_again, record_person
+from talkingeyes.physiology.gaze_population import STATES
 from talkingeyes.workflows.evaluate import CONFIDENCE_LEVEL, MAX_NOTES, EvaluatedSound, annotate_sound, match_files
 
 OUTPUT_FILES = re.compile(r"people\.json")

@@ -21,9 +21,10 @@ from talkingeyes.evaluation.people.distance import (
     people_values,
     pool_speakers,
 )
-from talkingeyes.evaluation.people.fixations import STATES, Person
+from talkingeyes.evaluation.people.fixations import Person
 from talkingeyes.evaluation.people.measures import MEASURES, MIN_TIME_S
 from talkingeyes.evaluation.people.two_sample import each_its_own, reference_auc, sequences_of, two_sample_auc
+from talkingeyes.physiology.gaze_population import STATES
 
 SCHEMA = "talkingeyes.people/1"
 # Targets: mean ratio by state, largest ratio, AUC.

@@ -20,8 +20,9 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, percentile_interval
-from talkingeyes.evaluation.people.fixations import STATES, FixationRecord, Person
+from talkingeyes.evaluation.people.fixations import FixationRecord, Person
 from talkingeyes.evaluation.people.measures import MEASURES, measure_person
+from talkingeyes.physiology.gaze_population import STATES
 
 MIN_PEOPLE, MIN_SPEAKERS = 4, 5
 HALVES = 200  # random halves of the people for the floor
@@ -85,7 +86,7 @@ def people_values(people: Sequence[Person], state: str) -> PeopleValues:
 
 def pool_speakers(speakers: Sequence[Person]) -> Person:
     """All speakers as one, relative to their homes."""
-    records = {}
+    records: dict[str, FixationRecord] = {}
     for state in STATES:
         parts = [speaker.records[state] for speaker in speakers]
         segments = [each.segment + offset for each, offset in zip(parts, _offsets(parts), strict=True)]

@@ -24,7 +24,6 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.gaze_datasets import CONVERSATION_RATE_HZ, MAX_SHIFT_S, read_conversation
 from talkingeyes.evaluation.detectors.gaze_states import RADIUS_DEG, densest_direction
 
-STATES = ("speaking", "listening")
 RECORDED_STATES = {"SPEAK": "speaking", "LISTEN": "listening"}  # DIALOGUE, quick exchanges, is neither
 VALIDATION_PEOPLE = ("08", "09", "10", "11")  # the last four by id: nothing is estimated from them
 MERGE_DEG = 1.5

@@ -28,7 +28,8 @@ from scipy.signal import lfilter
 
 from talkingeyes.corpus.gaze_datasets import CONVERSATION_CM, CONVERSATION_CM_PER_PX, CONVERSATION_RATE_HZ
 from talkingeyes.evaluation.detectors.signal import runs
-from talkingeyes.evaluation.people.fixations import STATES, FixationRecord, Person, merge_fixations
+from talkingeyes.evaluation.people.fixations import FixationRecord, Person, merge_fixations
+from talkingeyes.physiology.gaze_population import STATES
 
 DISPERSION_PX = 30.0
 MIN_SAMPLES = 10  # at 90 Hz, the least that lasts 100 ms
@@ -115,7 +116,7 @@ def detect_screen_fixations(samples: Samples) -> dict[str, FixationRecord]:
             segments += 1
     table = np.array(rows, int).reshape(-1, 4)
     sums = np.concatenate([np.zeros((1, 2)), np.cumsum(np.where(samples.lost[:, None], 0.0, centre_deg), axis=0)])
-    found = {}
+    found: dict[str, FixationRecord] = {}
     for index, name in enumerate(STATES):
         _, segment, start, stop = table[table[:, 0] == index].T
         mean = (sums[stop] - sums[start]) / (stop - start)[:, None]
