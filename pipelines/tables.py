@@ -49,7 +49,7 @@ over sounds and over speakers, and the range of the seeds.
 Rows are of two families. *As printed* has the paper's decoder, which regresses features frame by frame, and one latent
 code of the head per clip. *Codes in sequence* samples codes of 4 frames of gaze in space, as categories, after a VAE
 head with a code per half second (`talkingeyes_codes_vae_head`, unconditional). Both train with the same steps, batch
-and learning rate; the last column has the training of each row.
+and learning rate.
 
 In brackets is the paper's value, of another corpus, encoder and critic, and of about 480,000 training steps: compare
 the order of rows, not the values. Diversity, Corr. and L2 (radians) compare with fitted motion, speeds and ranges with

@@ -80,7 +80,7 @@ def test_the_interval_is_that_over_speakers() -> None:
 
 def test_reason_has_the_difference_and_the_seeds() -> None:
     reason = judge(MORE_DIVERSE, PRINTED, [split("table5", 0.1), split("table5", 0.3)]).reason
-    assert reason == ("Div. eyes, `talkingeyes_paper` − `vae`: +0.200 (+0.180 to +0.220); of 2 seeds 2 for, 0 against")
+    assert reason == "+0.200 (+0.180 to +0.220), `talkingeyes_paper` − `vae`, seeds 2 for, 0 against"
 
 
 def test_no_difference_is_an_interval_within_the_tolerance() -> None:
@@ -172,8 +172,8 @@ def test_a_seed_is_added_to_those_that_are_there(tmp_path: Path) -> None:
     text = tables.document(results)
     assert "Means over the seeds 0, 1." in text
     assert "| VAE (head: VAE, eyes: VAE) | 1.500 (0.096) |" in text
-    assert "**reproduced**: Div. eyes, `talkingeyes_paper` − `vae`: +0.600" in text
-    assert "| Table V, unseen, codes in sequence | +1.00 |" in text
+    assert "**reproduced**: +0.600 (+0.580 to +0.620), `talkingeyes_paper` − `vae`, seeds 2 for, 0 against" in text
+    assert "| Table V, codes in sequence | +1.00 |" in text
 
 
 def test_results_survive_their_file() -> None:
@@ -252,7 +252,7 @@ def test_a_table_of_a_seed_is_computed_from_its_rows(tmp_path: Path, monkeypatch
     assert cells["head/speed_above_5hz"].value == 2.0
     velocity = judge(claim("Without L_vel, Corr. of the eyes"), SEQUENCE, [found.splits["unseen"]])
     assert velocity.verdict == claims.REPRODUCED
-    assert velocity.reason.startswith("Corr. eyes, `sequence` − `sequence_without_velocity`: +0.100 (+0.100 to +0.100)")
+    assert velocity.reason == "+0.100 (+0.100 to +0.100), `sequence` − `sequence_without_velocity`"
     assert judge(claim("Without L_vel, L2 of the head"), PRINTED, [found.splits["unseen"]]).verdict == claims.UNDECIDED
 
 

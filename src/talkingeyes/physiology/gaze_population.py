@@ -19,7 +19,6 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 from pydantic import Field
-from ruamel.yaml import YAML
 
 from talkingeyes.core.settings import Settings, validate_section
 
@@ -170,5 +169,7 @@ def _inverse_logit(logit: float) -> float:
 @lru_cache
 def read_population(name: str) -> GazePopulation:
     """Read a population of the package. Raises InputError for a damaged file."""
+    from ruamel.yaml import YAML
+
     path = FOLDER / f"{name}.yaml"
     return validate_section(str(path.name), GazePopulation, YAML(typ="safe").load(path.read_text()))

@@ -190,8 +190,7 @@ def judge(claim: Claim, family: str, seeds: Sequence[SplitResult]) -> Verdict:
         return Verdict("", NO_ROW)
     if family == SEQUENCE and comparisons == claim.comparisons:
         return Verdict("", SAME_ROWS)
-    headings = _headings(claim)
-    verdicts = [_judge(each, claim.equal, headings[each.metric], seeds) for each in comparisons]
+    verdicts = [_judge(each, claim.equal, seeds) for each in comparisons]
     for wanted in (NOT_REPRODUCED, UNDECIDED):
         found = next((each for each in verdicts if each.verdict == wanted), None)
         if found is not None:
@@ -199,7 +198,7 @@ def judge(claim: Claim, family: str, seeds: Sequence[SplitResult]) -> Verdict:
     return Verdict(REPRODUCED, "<br>".join(each.reason for each in verdicts))
 
 
-def _judge(comparison: Comparison, equal: bool, heading: str, seeds: Sequence[SplitResult]) -> Verdict:
+def _judge(comparison: Comparison, equal: bool, seeds: Sequence[SplitResult]) -> Verdict:
     differences = [each.differences[comparison.key] for each in seeds if comparison.key in each.differences]
     if not seeds or len(differences) < len(seeds):
         return Verdict(UNDECIDED, NOT_MEASURED)
@@ -215,11 +214,11 @@ def _judge(comparison: Comparison, equal: bool, heading: str, seeds: Sequence[Sp
     else:
         signs = [sign(each) for each in differences]
     mean, factor = mean_over_seeds(differences), "" if comparison.factor == 1 else f"{comparison.factor:g} × "
+    counts = "" if len(signs) == 1 else f", seeds {signs.count(1)} for, {signs.count(-1)} against"
     return Verdict(
         {1: REPRODUCED, -1: NOT_REPRODUCED, 0: UNDECIDED}[majority_sign(signs)],
-        f"{heading}, {factor}`{comparison.higher}` − `{comparison.lower}`: {mean.value:+.3f} "
-        f"({mean.speakers_low:+.3f} to {mean.speakers_high:+.3f}); "
-        f"of {len(signs)} seeds {signs.count(1)} for, {signs.count(-1)} against",
+        f"{mean.value:+.3f} ({mean.speakers_low:+.3f} to {mean.speakers_high:+.3f}), "
+        f"{factor}`{comparison.higher}` − `{comparison.lower}`{counts}",
     )
 
 
@@ -233,15 +232,3 @@ def _stands_still(comparison: Comparison, seeds: Sequence[SplitResult]) -> bool:
         if row not in STILL_IN_PAPER
     ]
     return max(fractions, default=0.0) > STILL_FRACTION
-
-
-def experiment(claim: Claim) -> str:
-    """The experiment that decides a claim: our table, its columns, and the rows that are compared."""
-    headings = _headings(claim)
-    columns = dict.fromkeys(headings[each.metric] for each in claim.comparisons)
-    rows = dict.fromkeys(row for each in claim.comparisons for row in (each.higher, each.lower))
-    return f"`tables={claim.table}`, {', '.join(columns)}: {', '.join(f'`{row}`' for row in rows)}"
-
-
-def _headings(claim: Claim) -> dict[str, str]:
-    return {column.metric: column.heading for column in TABLES[claim.table].columns}

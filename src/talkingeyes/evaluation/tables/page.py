@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
-from talkingeyes.evaluation.tables.claims import CLAIMS, Claim, Verdict, experiment, judge
+from talkingeyes.evaluation.tables.claims import CLAIMS, Claim, Verdict, judge
 from talkingeyes.evaluation.tables.definitions import (
     FAMILIES,
     HEAD_AND_EYE_COLUMNS,
@@ -31,12 +31,12 @@ SHOWN = {
 SHOWN_SPLIT = "unseen"
 CLAIMS_TEXT = """## The paper's claims
 
-The rule was fixed before the first run (`src/talkingeyes/evaluation/tables/claims.py`): a claim is reproduced if the
-interval of the difference over speakers (95 %) lies on its side of 0 in more than half of the seeds, not reproduced if
-it lies on the other side, else undecided. "Does not affect" and "like" mean within 10 %. Where the eyes of a row stand
-still though the paper's move, the columns of the eyes decide nothing; why they stand still:
-`python -m benchmarks.free_running`. Limits are means over seeds. The last column names the experiment, a table of
-`python -m pipelines.tables`, with the compared rows as printed.
+Fixed before the first run (`src/talkingeyes/evaluation/tables/claims.py`): a claim is reproduced if the interval of the
+difference over speakers (95 %) lies on its side of 0 in more than half of the seeds, not reproduced if it lies on the
+other side, else undecided. "Does not affect" and "like" mean within 10 %. Where the eyes of a row stand still though
+the paper's move, the columns of the eyes decide nothing; why they do: `python -m benchmarks.free_running`. Limits are
+means over seeds. A claim is decided by the rows of its table (`tables=tableN`; Table II: `tables=table5`) in the
+column that it names.
 """
 ORDERS_TEXT = """## The paper's order of rows
 
@@ -87,8 +87,8 @@ def _claims(results: Results) -> str:
         seeds = by_split(results[claim.table]).get(SHOWN_SPLIT) if claim.table in results else None
         if seeds:
             verdicts = [_verdict(judge(claim, family, seeds)) for family in FAMILIES]
-            lines.append([f"{claim.text} ({claim.source})", *verdicts, experiment(claim)])
-    return "\n".join([CLAIMS_TEXT, markdown_table(["claim", *FAMILIES.values(), "experiment"], lines), ""])
+            lines.append([f"{claim.text} ({claim.source})", *verdicts])
+    return "\n".join([CLAIMS_TEXT, markdown_table(["claim", *FAMILIES.values()], lines), ""])
 
 
 def _verdict(verdict: Verdict) -> str:
@@ -105,11 +105,18 @@ def _table(table: PaperTable, seeds: Sequence[SeedResult]) -> str:
             _cell(cell(splits[SHOWN_SPLIT], row, each.metric), papers[at : at + 1], each)
             for at, each in enumerate(columns)
         ]
-        lines.append([TITLES[row], *cells, budgets.get(row, "")])
-    headings = ["", *(each.heading for each in columns), "training"]
+        lines.append([TITLES[row], *cells])
+    headings = ["", *(each.heading for each in columns)]
     of = ", ".join(str(each.seed) for each in seeds)
-    text = f"{table.question} Means over the seeds {of}."
+    text = f"{table.question} Means over the seeds {of}. {_training(budgets)}"
     return "\n".join([f"## {table.title}", "", text, "", markdown_table(headings, lines), ""])
+
+
+def _training(budgets: Mapping[str, str]) -> str:
+    """The training of most rows, and that of the others by name."""
+    usual = max(set(budgets.values()), key=list(budgets.values()).count)
+    others = "".join(f"; {TITLES[row]}: {text}" for row, text in budgets.items() if text != usual)
+    return f"Trained with {usual}{others}."
 
 
 def _rows(seeds: Sequence[SplitResult]) -> list[str]:
@@ -122,15 +129,15 @@ def _cell(estimate: SeedMean | None, paper: Sequence[float], column: Column) -> 
 
 
 def _orders(results: Results) -> str:
-    """Kendall's tau by table, split, family and column."""
+    """Kendall's tau by table, family and column."""
     lines = []
     for name, seeds in results.items():
         title = TABLES[name].title.partition(":")[0].partition(",")[0]
-        for split, of_split in by_split(seeds).items():
+        if of_split := by_split(seeds).get(SHOWN_SPLIT):
             for family, words in FAMILIES.items():
                 orders = _rank_orders(TABLES[name], family, of_split)
                 taus = [orders.get(each.metric) for each in HEAD_AND_EYE_COLUMNS]
-                lines.append([f"{title}, {split}, {words}", *(f"{each.tau:+.2f}" if each else "" for each in taus)])
+                lines.append([f"{title}, {words}", *(f"{each.tau:+.2f}" if each else "" for each in taus)])
     return "\n".join([ORDERS_TEXT, markdown_table(["", *(each.heading for each in HEAD_AND_EYE_COLUMNS)], lines), ""])
 
 
