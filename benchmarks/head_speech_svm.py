@@ -31,7 +31,7 @@ from talkingeyes.evaluation.head_pose.windows import sliding_windows
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import run_command
 
-MINUTES = (2, 4, 8, 16, 32, 48)
+MINUTES = (2, 4, 8, 16, 32, 48)  # the last: all clips of the train split
 CONTROLS = (0.1, 0.2, 0.3, 0.5)
 DRAWS = 1000
 
