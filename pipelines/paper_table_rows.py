@@ -23,7 +23,7 @@ from talkingeyes.evaluation.tables.definitions import REFERENCES
 from talkingeyes.evaluation.tables.row_metrics import SoundMetrics, high_frequency_motion, sound_metrics
 from talkingeyes.orchestration.run import Report, Workspace
 from talkingeyes.orchestration.stage_graph import StageCall
-from talkingeyes.training.motion_generators import load_generator
+from talkingeyes.training.motion_generators import Speech, generate_batch, load_generator
 
 # Long motions for Table VI: one for the concatenated sounds of each speaker, up to this length; speakers per split.
 LONG_S, LONG_SPEAKERS = 60.0, 12
@@ -78,14 +78,16 @@ def _long(model: Path, paths: InputPaths, work: Sequence[SoundGroup]) -> list[Me
     """Long motions of a model: one for the concatenated sounds of each of the first speakers of a split."""
     generator = load_generator(model)
     clips = [item.clip for item in work]
-    found = []
-    for number, speaker in enumerate(list(dict.fromkeys(clip.speaker for clip in clips))[:LONG_SPEAKERS]):
+    speakers, speeches = list(dict.fromkeys(clip.speaker for clip in clips))[:LONG_SPEAKERS], []
+    for number, speaker in enumerate(speakers):
         own = [clip for clip in clips if clip.speaker == speaker]
-        fps = own[0].fps
-        speech = _concatenated_speech(Recordings(own, paths.fit, paths.embed), int(LONG_S * fps))
-        motion = generator.generate(speech, [number], fps)
-        found.append(_measured(speaker, high_frequency_motion(motion.head[0], motion.gaze[0], fps)))
-    return found
+        speech = _concatenated_speech(Recordings(own, paths.fit, paths.embed), int(LONG_S * own[0].fps))
+        speeches.append(Speech(speech, [number], own[0].fps))
+    motions = generate_batch(generator, speeches) if speeches else []
+    return [
+        _measured(speaker, high_frequency_motion(each.head[0], each.gaze[0], each.fps))
+        for speaker, each in zip(speakers, motions, strict=True)
+    ]
 
 
 def _concatenated_speech(recordings: Recordings, frames: int) -> Float[ndarray, "T C"]:

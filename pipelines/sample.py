@@ -9,13 +9,14 @@ model with partner conditioning the partner's speech; no reference clip is given
 Writes: data/sample/<model>/<shard>/<clip>.npz.
 """
 
+from collections.abc import Iterable, Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
 
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.samples import SampleSettings
+from talkingeyes.corpus.samples import FaceSamples, Samples, SampleSettings
 from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.face.style import StyleKey
@@ -23,17 +24,28 @@ from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
 from talkingeyes.training.face_generators import TrainedFaceGenerator, load_face_generator
 from talkingeyes.training.model_folder import is_face_model
-from talkingeyes.training.motion_generators import TrainedGenerator, load_generator, required_inputs, training_speakers
+from talkingeyes.training.motion_generators import (
+    Speech,
+    TrainedGenerator,
+    generate_batch,
+    load_generator,
+    required_inputs,
+    training_speakers,
+)
+
+BATCH_CLIPS = 16
 
 
 def run(workspace: Workspace, name: str) -> Report:
-    """Sample in parallel over clips; each clip has its own seeds, so order and number of jobs do not matter."""
+    """Sample in parallel over batches of clips; each clip has its own seeds, so batches and jobs do not matter."""
     settings = workspace.settings("sample", SampleSettings)
     clips = Corpus(workspace.corpus).select("test", "unseen", take=0)
+    clips = sorted(clips, key=lambda clip: clip.seconds)  # in a batch, all are padded to the longest
+    batches = [clips[first : first + BATCH_CLIPS] for first in range(0, len(clips), BATCH_CLIPS)]
     with workspace.output("sample", name) as folder:
         conditioning_paths = ConditioningPaths(Corpus(workspace.corpus), workspace.data("embed"))
         task = partial(_sample, workspace.data("train", name), conditioning_paths, folder, settings)
-        frames = sum(parallel_map(task, clips, workspace.jobs, f"sample {name}"))
+        frames = sum(parallel_map(task, batches, workspace.jobs, f"sample {name}"))
     return Report(metrics={"clips": float(len(clips)), "frames": float(frames)})
 
 
@@ -53,22 +65,28 @@ def _conditioning_provider(model: Path, conditioning_paths: ConditioningPaths) -
 
 
 def _sample(
-    model: Path, conditioning_paths: ConditioningPaths, folder: Path, settings: SampleSettings, clip: Clip
+    model: Path, conditioning_paths: ConditioningPaths, folder: Path, settings: SampleSettings, clips: Sequence[Clip]
 ) -> int:
-    embedding = np.load(shard_path(conditioning_paths.embed / "speech", clip.sound, ".npy"))
-    entropy = [settings.seed, *clip.id.encode()]
-    seeds = np.random.default_rng(entropy).integers(2**31, size=settings.samples).tolist()
-    generator, path = _generator(model), make_shard_path(folder, clip.id, ".npz")
+    embeddings = [np.load(shard_path(conditioning_paths.embed / "speech", clip.sound, ".npy")) for clip in clips]
+    seeds = [
+        np.random.default_rng([settings.seed, *clip.id.encode()]).integers(2**31, size=settings.samples).tolist()
+        for clip in clips
+    ]
+    generator, fps = _generator(model), [clip.fps for clip in clips]
+    found: Iterable[Samples | FaceSamples]
     if isinstance(generator, TrainedFaceGenerator):
-        style = [StyleKey(0.0, generator.vocabulary.style_of(clip))]
-        generator.generate(embedding, style, seeds, clip.fps).save(path)
+        styles = [[StyleKey(0.0, generator.vocabulary.style_of(clip))] for clip in clips]
+        found = map(generator.generate, embeddings, styles, seeds, fps)
     else:
-        conditioning_provider = _conditioning_provider(model, conditioning_paths)
-        conditioning = (
-            conditioning_provider.clip_inputs(clip, len(embedding)) if conditioning_provider else NO_CONDITIONING
-        )
-        generator.generate(embedding, seeds, clip.fps, conditioning).save(path)
-    return settings.samples * len(embedding)
+        provider = _conditioning_provider(model, conditioning_paths)
+        inputs = [
+            provider.clip_inputs(clip, len(embedding)) if provider else NO_CONDITIONING
+            for clip, embedding in zip(clips, embeddings, strict=True)
+        ]
+        found = generate_batch(generator, list(map(Speech, embeddings, seeds, fps, inputs)))
+    for clip, samples in zip(clips, found, strict=True):
+        samples.save(make_shard_path(folder, clip.id, ".npz"))
+    return settings.samples * sum(map(len, embeddings))
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ import numpy as np
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.corpus.recordings import Recordings, recordings
+from talkingeyes.corpus.recordings import Recording, Recordings, recordings
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus, shard_path
@@ -55,11 +55,15 @@ from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
 from talkingeyes.training.motion_generators import (
     NetworkGenerator,
+    Speech,
     TrainedGenerator,
+    generate_batch,
     load_generator,
     required_inputs,
     training_speakers,
 )
+
+BATCH_SOUNDS = 16
 
 
 @dataclass(frozen=True)
@@ -98,7 +102,9 @@ def run(workspace: Workspace, name: str) -> Report:
     paths = InputPaths(workspace.corpus, data("fit"), data("embed"), data("critic"), data("train", name))
     with workspace.output("validate", name) as folder:
         work, benchmark = _sounds(paths, settings), PairedAccumulator()
-        found = list(parallel_map(partial(validate_sound, paths, settings), work, workspace.jobs, f"validate {name}"))
+        batches = [work[first : first + BATCH_SOUNDS] for first in range(0, len(work), BATCH_SOUNDS)]
+        task = partial(validate_sounds, paths, settings)
+        found = [one for batch in parallel_map(task, batches, workspace.jobs, f"validate {name}") for one in batch]
         for one in found:
             benchmark.add(one.benchmark)
         table = benchmark.table(settings.bootstrap)
@@ -131,16 +137,32 @@ def _sounds(paths: InputPaths, settings: ValidateSettings) -> list[SoundGroup]:
     return found
 
 
-def validate_sound(paths: InputPaths, settings: ValidateSettings, sound: SoundGroup) -> SoundValidation:
-    """Sample motions for one sound and measure them."""
-    corpus, clip = Corpus(paths.corpus), sound.clip
-    fitted, *others = Recordings([clip, *sound.others], paths.fit, paths.embed)
-    speech, evaluators = np.array(fitted.speech), _load_evaluators(paths.critic)
-    seeds = np.random.default_rng([settings.seed, *clip.id.encode()]).integers(2**31, size=settings.samples).tolist()
-    conditioning_provider = _conditioning_provider(paths)
-    conditioning = conditioning_provider.clip_inputs(clip, len(speech)) if conditioning_provider else NO_CONDITIONING
-    generator = _generator(paths.model)
-    sampled = generator.generate(speech, seeds, clip.fps, conditioning)
+def validate_sounds(
+    paths: InputPaths, settings: ValidateSettings, sounds: Sequence[SoundGroup]
+) -> list[SoundValidation]:
+    """Sample motions for some sounds in one batch, and measure those of each."""
+    generator, provider = _generator(paths.model), _conditioning_provider(paths)
+    clips, speeches = [Recordings([each.clip, *each.others], paths.fit, paths.embed)[:] for each in sounds], []
+    for fitted, *_ in clips:
+        clip = fitted.clip
+        seeds = np.random.default_rng([settings.seed, *clip.id.encode()]).integers(2**31, size=settings.samples)
+        conditioning = provider.clip_inputs(clip, len(fitted)) if provider else NO_CONDITIONING
+        speeches.append(Speech(np.array(fitted.speech), seeds.tolist(), clip.fps, conditioning))
+    sampled = generate_batch(generator, speeches)
+    return [validate_sound(paths, generator, *each) for each in zip(sounds, clips, speeches, sampled, strict=True)]
+
+
+def validate_sound(
+    paths: InputPaths,
+    generator: TrainedGenerator,
+    sound: SoundGroup,
+    clips: Sequence[Recording],
+    given: Speech,
+    sampled: Samples,
+) -> SoundValidation:
+    """Measure the motions sampled for one sound; `clips`: its fitted motion, then those of other sounds."""
+    corpus, clip, (fitted, *others) = Corpus(paths.corpus), sound.clip, clips
+    speech, evaluators = given.embedding, _load_evaluators(paths.critic)
     own = _single_sample(Motion.of(clip.fps, fitted.head.astype(float), fitted.gaze.astype(float)))
     under = [np.array(other.speech) for other in others]
     scores = corr_scores(evaluators.critics, speech, under, sampled.head, sampled.gaze)
@@ -160,7 +182,7 @@ def validate_sound(paths: InputPaths, settings: ValidateSettings, sound: SoundGr
         MotionSpeeds.of(own),
         sound_statistics(motion_sets, scores, evaluators.critics, evaluators.encoder, speech, under),
         len(fitted) / clip.fps,
-        generator.log_likelihood(speech, fitted.head, fitted.gaze, conditioning)
+        generator.log_likelihood(speech, fitted.head, fitted.gaze, given.conditioning)
         if isinstance(generator, NetworkGenerator)
         else {},
     )

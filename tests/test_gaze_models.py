@@ -19,7 +19,7 @@ from talkingeyes.models.gaze.history import NoisyTeacherForcing
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.layers.categorical_sampling import sample_categorical
 from talkingeyes.models.layers.schedules import set_trained_steps
-from talkingeyes.models.speech_to_motion import MotionBatch, SpeechToMotion, SpeechToMotionSettings
+from talkingeyes.models.speech_to_motion import MotionBatch, SpeechInput, SpeechToMotion, SpeechToMotionSettings
 
 TRANSFORMER = {"width": 16, "layers": 2, "heads": 2, "dropout": 0.0, "lookback": 20}
 VAE = {
@@ -281,6 +281,14 @@ class TestContract:
         torch.testing.assert_close(many.head[1], one.head[0], atol=1e-5, rtol=1e-4)
         torch.testing.assert_close(many.gaze[1], one.gaze[0], atol=1e-5, rtol=1e-4)
 
+    def test_speeches_of_several_lengths_in_a_batch_are_as_alone(self, kind: str) -> None:
+        network = model(kind)
+        speeches = [SpeechInput(torch.randn(frames, CHANNELS), [frames, 2]) for frames in (41, 60, 1, 50)]
+        for speech, many in zip(speeches, network.generate_batch(speeches), strict=True):
+            one = network.generate(speech.embedding, speech.seeds)
+            torch.testing.assert_close(many.head, one.head, atol=1e-5, rtol=1e-4)
+            torch.testing.assert_close(many.gaze, one.gaze, atol=1e-5, rtol=1e-4)
+
     def test_seeds_differ(self, kind: str) -> None:
         out = model(kind).generate(torch.randn(60, CHANNELS), [3, 4])
         assert (out.head[0] - out.head[1]).abs().max() > 1e-4
@@ -407,7 +415,8 @@ def test_guidance_moves_features_away_from_those_of_mean_speech(kind: str) -> No
     assert not torch.allclose(one.gaze, other.gaze, atol=1e-4)
     features = plain.encode_speech(sound[None], NO_CONDITIONING).gaze
     mean = plain.encode_speech(plain.speech.mean.expand_as(sound)[None], NO_CONDITIONING).gaze
-    expected = plain._gaze((2 * features - mean).expand(2, -1, -1), one.head, seeds, None)
+    condition = GazeCondition((2 * features - mean).expand(2, -1, -1), one.head, plain.head.normal(one.head))
+    expected = plain.gaze.sample(condition, seeds, 1.0)
     torch.testing.assert_close(other.gaze, expected, atol=1e-5, rtol=0)
     # Training and likelihood have none.
     data = batch()

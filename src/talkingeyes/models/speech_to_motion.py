@@ -31,6 +31,7 @@ from talkingeyes.models.condition.conditioner import (
 )
 from talkingeyes.models.gaze.generator import (
     GAZE_GENERATORS,
+    BatchedGazeGenerator,
     GazeComponentSettings,
     GazeCondition,
     GazeGenerator,
@@ -135,6 +136,15 @@ class MotionBatch:
         return MotionBatch(
             self.speech.to(device), self.head.to(device), self.gaze.to(device), self.conditioning.to(device)
         )
+
+
+@dataclass(frozen=True)
+class SpeechInput:
+    """A whole speech to generate motions for, a seed per motion; `conditioning` holds one window, the whole speech."""
+
+    embedding: Float[Tensor, "T C"]
+    seeds: list[int]
+    conditioning: ConditioningInputs = NO_CONDITIONING
 
 
 @dataclass(frozen=True)
@@ -254,7 +264,7 @@ class SpeechToMotion(nn.Module):
             found = self.head.log_likelihood(speech.head, batch.head)
             terms |= {f"head_{name}": value for name, value in found.items()}
         if isinstance(self.gaze, GazeLikelihood):
-            condition = GazeCondition(speech.gaze, batch.head, self.head.normal(batch.head))
+            condition = self._gaze_condition(speech.gaze, batch.head)
             found = self.gaze.log_likelihood(condition, batch.gaze)
             terms |= {f"gaze_{name}": value for name, value in found.items()}
         return terms
@@ -281,9 +291,20 @@ class SpeechToMotion(nn.Module):
         conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> GeneratedMotion:
         """Sample motions for one speech, one row per seed; `conditioning` holds one window, the whole speech."""
-        speech = self._encode_utterance(embedding, conditioning, len(seeds))
-        head = self.head.sample(speech.head, seeds)
-        return GeneratedMotion(head, self._gaze(speech.gaze, head, seeds, temperature))
+        return self.generate_batch([SpeechInput(embedding, seeds, conditioning)], temperature)[0]
+
+    @torch.no_grad()
+    def generate_batch(
+        self, speeches: Sequence[SpeechInput], temperature: float | None = None
+    ) -> list[GeneratedMotion]:
+        """`generate` for each of several speeches of any lengths; gaze that is sampled step by step in one batch."""
+        heads, conditions = [], []
+        for each in speeches:
+            features = self._encode_utterance(each.embedding, each.conditioning, len(each.seeds))
+            heads.append(self.head.sample(features.head, each.seeds))
+            conditions.append(self._gaze_condition(features.gaze, heads[-1]))
+        gazes = self._gaze(conditions, [each.seeds for each in speeches], temperature)
+        return [GeneratedMotion(head, gaze) for head, gaze in zip(heads, gazes, strict=True)]
 
     @torch.no_grad()
     def generate_head(
@@ -302,7 +323,7 @@ class SpeechToMotion(nn.Module):
     ) -> Float[Tensor, "B T 2 3"]:
         """Sample gaze for the heads of another model, one row per seed."""
         speech = self._encode_utterance(embedding, conditioning, len(seeds)).gaze
-        return self._gaze(speech, head.to(speech.device), seeds, None)
+        return self._gaze([self._gaze_condition(speech, head.to(speech.device))], [seeds], None)[0]
 
     def _encode_utterance(
         self, embedding: Float[Tensor, "T C"], conditioning: ConditioningInputs, rows: int
@@ -316,11 +337,16 @@ class SpeechToMotion(nn.Module):
         one = self._add_conditions(guided, conditioning)
         return ConditionFeatures(one.head.expand(rows, -1, -1), one.gaze.expand(rows, -1, -1))
 
+    def _gaze_condition(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> GazeCondition:
+        return GazeCondition(speech, head, self.head.normal(head))
+
     def _gaze(
-        self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"], seeds: list[int], temperature: float | None
-    ) -> Float[Tensor, "B T 2 3"]:
+        self, conditions: Sequence[GazeCondition], seeds: Sequence[list[int]], temperature: float | None
+    ) -> list[Float[Tensor, "_ _ 2 3"]]:
         chosen = float(self.temperature) if temperature is None else temperature
-        return self.gaze.sample(GazeCondition(speech, head, self.head.normal(head)), seeds, chosen)
+        if isinstance(self.gaze, BatchedGazeGenerator):
+            return self.gaze.sample_batch(conditions, seeds, chosen)
+        return [self.gaze.sample(each, own, chosen) for each, own in zip(conditions, seeds, strict=True)]
 
 
 def _concat_features(

@@ -21,12 +21,22 @@ from talkingeyes.corpus.samples import Samples
 from talkingeyes.models.baselines import BaselineSettings, MotionBank, sample_bank
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs, InputName
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
-from talkingeyes.models.speech_to_motion import MotionBatch, SpeechToMotion
+from talkingeyes.models.speech_to_motion import MotionBatch, SpeechInput, SpeechToMotion
 from talkingeyes.training.baseline_checkpoint import load_baseline
 from talkingeyes.training.canonical_gaze import HEAD_PREFIX, CanonicalGaze, load_canonical
 from talkingeyes.training.checkpoint import Checkpoint, build_network, load, save
 from talkingeyes.training.motion_task import MotionTaskSettings
 from talkingeyes.training.pose_generators import PoseModelGenerator, pose_network
+
+
+@dataclass(frozen=True)
+class Speech:
+    """A whole speech to generate motions for, a seed per motion, with the model's further inputs."""
+
+    embedding: Float[ndarray, "T C"]
+    seeds: list[int]
+    fps: float
+    conditioning: ConditioningInputs = NO_CONDITIONING
 
 
 @runtime_checkable
@@ -59,8 +69,18 @@ class NetworkGenerator:
         conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples:
         """Sample the network."""
-        out = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), seeds, None, conditioning)
-        return Samples(fps, out.head.numpy().astype(np.float64), out.gaze.numpy().astype(np.float64))
+        return self.generate_batch([Speech(embedding, seeds, fps, conditioning)])[0]
+
+    def generate_batch(self, speeches: Sequence[Speech]) -> list[Samples]:
+        """`generate` for each of several speeches."""
+        inputs = [
+            SpeechInput(torch.from_numpy(np.array(each.embedding, np.float32)), each.seeds, each.conditioning)
+            for each in speeches
+        ]
+        return [
+            Samples(speech.fps, out.head.numpy().astype(np.float64), out.gaze.numpy().astype(np.float64))
+            for speech, out in zip(speeches, self.network.generate_batch(inputs), strict=True)
+        ]
 
     def generate_gaze(
         self,
@@ -152,6 +172,13 @@ def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Chec
     tensors = {f"{part}.{name}": tensor for part, each in both.items() for name, tensor in each.tensors.items()}
     config = {"model": settings.model_dump(mode="json"), **{part: each.config for part, each in both.items()}}
     save(folder, tensors, config)
+
+
+def generate_batch(generator: TrainedGenerator, speeches: Sequence[Speech]) -> list[Samples]:
+    """Samples of each of several speeches; together, if the generator can."""
+    if isinstance(generator, NetworkGenerator):
+        return generator.generate_batch(speeches)
+    return [generator.generate(each.embedding, each.seeds, each.fps, each.conditioning) for each in speeches]
 
 
 def required_inputs(generator: TrainedGenerator | CanonicalGaze) -> frozenset[InputName]:

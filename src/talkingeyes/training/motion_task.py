@@ -9,6 +9,8 @@ from functools import partial
 
 import numpy as np
 import torch
+from jaxtyping import Float
+from numpy import ndarray
 from torch import Tensor
 
 from talkingeyes.core.settings import Settings
@@ -17,7 +19,7 @@ from talkingeyes.models.condition.conditioner import NO_CONDITIONING, Conditioni
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.equaliser import Equaliser
 from talkingeyes.models.layers.schedules import set_trained_steps
-from talkingeyes.models.speech_to_motion import SpeechToMotion, SpeechToMotionSettings
+from talkingeyes.models.speech_to_motion import SpeechInput, SpeechToMotion, SpeechToMotionSettings
 from talkingeyes.training.checkpoint import Checkpoint
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider, motion_array
 from talkingeyes.training.free_running import FreeRunningStatistics, free_running_statistics
@@ -64,7 +66,9 @@ class MotionTask:
         self.settings = settings
         # The first take of each val sound, up to the number of validation clips.
         self.validation_recordings = [each for each in val if each.clip.take == 0][: settings.validation_clips]
-        speakers = sorted({each.clip.speaker for each in train}) if settings.conditions else []
+        # One pass over the recordings: each is read from its files.
+        clips, heads, gazes = zip(*((each.clip, each.head, each.gaze) for each in train), strict=True)
+        speakers = sorted({clip.speaker for clip in clips}) if settings.conditions else []
         self.module = SpeechToMotion(settings, normaliser.channels, codebook, speakers)
         required_inputs = self.module.required_inputs
         self.conditioning_provider = (
@@ -73,12 +77,14 @@ class MotionTask:
         self.windows = WindowDataset(train, settings.windows, seed, partial(motion_batch, self.conditioning_provider))
         self.rng = self.windows.rng
         motions = [
-            torch.from_numpy(motion_array(each.head, each.gaze)) for each in train if "reference" in required_inputs
+            torch.from_numpy(motion_array(head, gaze))
+            for head, gaze in zip(heads, gazes, strict=True)
+            if "reference" in required_inputs
         ]
         self.module.fit_statistics(
             TrainingStatistics(torch.from_numpy(normaliser.mean), torch.from_numpy(normaliser.std), motions)
         )
-        self._normalise(train)
+        self._normalise(np.concatenate(heads), np.concatenate(gazes))
         if start is not None:
             init_from(self.module, start)
         self.truth = free_running_statistics(
@@ -132,10 +138,11 @@ class MotionTask:
         return {f"free_running_distance/{each:g}": distance for each, distance in distances.items()}
 
     def _free_running_statistics(self, temperature: float) -> FreeRunningStatistics:
-        motions = []
-        for index, each in enumerate(self.validation_recordings):
-            speech = torch.from_numpy(np.array(each.speech))
-            motions.append(self.module.generate(speech, [index], temperature, self._conditioning(each)))
+        speeches = [
+            SpeechInput(torch.from_numpy(np.array(each.speech)), [index], self._conditioning(each))
+            for index, each in enumerate(self.validation_recordings)
+        ]
+        motions = self.module.generate_batch(speeches, temperature)
         return free_running_statistics(
             [each.head[0].cpu().numpy() for each in motions],
             [each.gaze[0].cpu().numpy() for each in motions],
@@ -149,8 +156,8 @@ class MotionTask:
             else NO_CONDITIONING
         )
 
-    def _normalise(self, train: Sequence[Recording]) -> None:
-        head = motion_statistics(np.concatenate([each.head for each in train]))
+    def _normalise(self, heads: Float[ndarray, "N 3"], gazes: Float[ndarray, "N 2 3"]) -> None:
+        """Set the statistics of all training frames."""
+        head, gaze = motion_statistics(heads), motion_statistics(gazes.reshape(-1, 6))
         self.module.head.normal.set(torch.from_numpy(head.mean), head.scale)
-        gaze = motion_statistics(np.concatenate([each.gaze.reshape(-1, 6) for each in train]))
         self.module.gaze.normalise_by(torch.from_numpy(gaze.mean), gaze.scale)

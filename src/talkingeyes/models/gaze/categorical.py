@@ -8,6 +8,7 @@ codes, are inputs.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -19,8 +20,8 @@ from torch import Tensor, nn
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import ComponentSettings
-from talkingeyes.models.gaze.gaze_signal import find_stays, to_gaze_tensor, to_signal_tensor
-from talkingeyes.models.gaze.generator import GazeCondition, uniform_noise
+from talkingeyes.models.gaze.gaze_signal import find_stays, split_gaze, to_gaze_tensor, to_signal_tensor
+from talkingeyes.models.gaze.generator import GazeCondition, concat_padded, uniform_noise
 from talkingeyes.models.gaze.history import (
     CodeHistorySettings,
     NoisyTeacherForcing,
@@ -117,12 +118,18 @@ class CategoricalGaze(nn.Module):
     @torch.no_grad()
     def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Sample codes autoregressively. D_VQ decodes gaze in space; the eyes compensate for the head."""
-        memory = self.memory(condition)
-        uniform = uniform_noise(seeds, memory.shape[1]).to(memory.device)
-        run = self.start(len(seeds), memory)
+        return self.sample_batch([condition], [seeds], temperature)[0]
+
+    @torch.no_grad()
+    def sample_batch(
+        self, conditions: Sequence[GazeCondition], seeds: Sequence[list[int]], temperature: float
+    ) -> list[Float[Tensor, "_ _ 2 3"]]:
+        """`sample` for each of several conditions of any lengths, in one batch."""
+        memory, lengths = concat_padded([self.memory(each) for each in conditions])
+        uniform = uniform_noise([seed for each in seeds for seed in each], memory.shape[1]).to(memory.device)
+        run = self.start(len(memory), memory, lengths)
         patches = [self.advance(run, memory[:, [step]], column, temperature) for step, column in enumerate(uniform.T)]
-        signal = torch.cat(patches, dim=1)[:, : condition.speech.shape[1]]
-        return to_gaze_tensor(self.codebook.settings.signal, condition.head, signal)
+        return split_gaze(self.codebook.settings.signal, [each.head for each in conditions], torch.cat(patches, dim=1))
 
     @property
     def step_frames(self) -> int:
@@ -138,11 +145,14 @@ class CategoricalGaze(nn.Module):
         """A stream that yields the result of `sample` code by code."""
         return CategoricalGazeStream(self, seed, temperature)
 
-    def start(self, batch: int, memory: Float[Tensor, "B N W"] | None = None) -> DecoderState:
-        """State before the first code. In a stream, the memory is not yet known and is appended to the cache later."""
+    def start(
+        self, batch: int, memory: Float[Tensor, "B N W"] | None = None, lengths: Int[Tensor, " B"] | None = None
+    ) -> DecoderState:
+        """State before the first code; `lengths`: codes of each row that are no padding. In a stream, the memory is not
+        yet known and is appended to the cache later."""
         before = torch.full((batch,), self.stay + 1, device=self.codebook.mean.device)
         last_frame = self.codebook.mean.expand(batch, -1)
-        cache, decoder_cache = self.transformer.start(memory), self.codebook.decoder.start()
+        cache, decoder_cache = self.transformer.start(memory, lengths), self.codebook.decoder.start()
         return DecoderState(before, last_frame, torch.zeros_like(before), cache, decoder_cache)
 
     def advance(

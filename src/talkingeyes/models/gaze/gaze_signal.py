@@ -6,6 +6,7 @@ represent gaze shifts alone, and rendering adds the head: eye = head^-1 gaze.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -45,6 +46,14 @@ def to_gaze_tensor(
 ) -> Float[Tensor, "*N 2 3"]:
     """`to_gaze` for tensors on any device."""
     return torch.from_numpy(to_gaze(name, head.cpu().numpy(), signal.cpu().numpy())).to(head.device)
+
+
+def split_gaze(
+    name: SignalName, heads: Sequence[Float[Tensor, "_ _ 3"]], signal: Float[Tensor, "B T F"]
+) -> list[Float[Tensor, "_ _ 2 3"]]:
+    """`to_gaze_tensor` for several heads of any lengths, whose rows follow each other in a padded signal."""
+    parts = signal.split([len(head) for head in heads])
+    return [to_gaze_tensor(name, head, part[:, : head.shape[1]]) for head, part in zip(heads, parts, strict=True)]
 
 
 def find_stays(patches: Float[ndarray, "B N P F"], tolerance_rad: float) -> Bool[ndarray, "B N"]:

@@ -6,11 +6,13 @@ paper's baseline). docs/extend.md explains how to add one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Protocol, runtime_checkable
 
 import torch
-from jaxtyping import Float
+import torch.nn.functional as F
+from jaxtyping import Float, Int
 from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
 
@@ -65,6 +67,17 @@ class GazeGenerator(Protocol):
 
 
 @runtime_checkable
+class BatchedGazeGenerator(Protocol):
+    """Further member of a gaze generator that samples step by step, where many rows cost little more than one."""
+
+    def sample_batch(
+        self, conditions: Sequence[GazeCondition], seeds: Sequence[list[int]], temperature: float
+    ) -> list[Float[Tensor, "_ _ 2 3"]]:
+        """`sample` for each of several conditions of any lengths, in one batch."""
+        ...
+
+
+@runtime_checkable
 class GazeLikelihood(Protocol):
     """Further member of a gaze generator whose true gaze has a likelihood."""
 
@@ -99,6 +112,13 @@ class StreamableGazeGenerator(Protocol):
     def stream(self, seed: int, temperature: float) -> GazeStream:
         """A new stream, which yields the result of `sample`."""
         ...
+
+
+def concat_padded(parts: Sequence[Float[Tensor, "_ _ W"]]) -> tuple[Float[Tensor, "B T W"], Int[Tensor, " B"]]:
+    """The rows of all parts, filled with zeros up to the longest, and their lengths."""
+    longest = max(part.shape[1] for part in parts)
+    rows = torch.cat([F.pad(part, (0, 0, 0, longest - part.shape[1])) for part in parts])
+    return rows, torch.cat([torch.full((len(part),), part.shape[1], device=rows.device) for part in parts])
 
 
 def uniform_noise(seeds: list[int], count: int) -> Float[Tensor, "B N"]:

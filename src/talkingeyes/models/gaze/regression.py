@@ -6,21 +6,21 @@ Temperature 0 gives the paper's method. Above 0, a code is sampled by a softmax 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.gaze.gaze_signal import to_gaze_tensor, to_signal_tensor
-from talkingeyes.models.gaze.generator import GazeCondition, uniform_noise
+from talkingeyes.models.gaze.gaze_signal import split_gaze, to_signal_tensor
+from talkingeyes.models.gaze.generator import GazeCondition, concat_padded, uniform_noise
 from talkingeyes.models.gaze.history import (
     FreeRunning,
     HistorySettings,
@@ -109,15 +109,21 @@ class RegressionGaze(nn.Module):
     @torch.no_grad()
     def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Generate frame by frame (eq. 10), with caches in both networks instead of decoding the prefix again."""
-        memory = self._memory(condition)
-        uniform = uniform_noise(seeds, memory.shape[1]).to(memory.device)
+        return self.sample_batch([condition], [seeds], temperature)[0]
+
+    @torch.no_grad()
+    def sample_batch(
+        self, conditions: Sequence[GazeCondition], seeds: Sequence[list[int]], temperature: float
+    ) -> list[Float[Tensor, "_ _ 2 3"]]:
+        """`sample` for each of several conditions of any lengths, in one batch."""
+        memory, lengths = concat_padded([self._memory(each) for each in conditions])
+        uniform = uniform_noise([seed for each in seeds for seed in each], memory.shape[1]).to(memory.device)
 
         def sample_code(features: Float[Tensor, "B C"], step: int) -> Float[Tensor, "B C"]:
             return sample_code_values(self.codebook.quantiser, features, uniform[:, step], temperature)
 
-        return to_gaze_tensor(
-            self.codebook.settings.signal, condition.head, self._free_run(memory, sample_code, None).signal
-        )
+        signal = self._free_run(memory, sample_code, None, lengths).signal
+        return split_gaze(self.codebook.settings.signal, [each.head for each in conditions], signal)
 
     def _predict(self, past: Float[Tensor, "B T F"], memory: Float[Tensor, "B T W"]) -> _Prediction:
         """Predict all frames in parallel from a given history."""
@@ -145,13 +151,15 @@ class RegressionGaze(nn.Module):
         memory: Float[Tensor, "B T W"],
         select_code: Callable[[Float[Tensor, "B C"], int], Float[Tensor, "B C"]],
         truncation_frames: int | None,
+        lengths: Int[Tensor, " B"] | None = None,
     ) -> _Prediction:
         """Free running: each frame from those before it. `select_code` returns code values for the features of a frame.
 
-        The gradient is cut every `truncation_frames` frames (None: never).
+        The gradient is cut every `truncation_frames` frames (None: never). `lengths`: frames of each row that are no
+        padding.
         """
         batch, frames = memory.shape[:2]
-        cache, decoder_cache = self.transformer.start(memory), self.codebook.decoder.start()
+        cache, decoder_cache = self.transformer.start(memory, lengths), self.codebook.decoder.start()
         moving = torch.zeros(batch, dtype=torch.bool, device=memory.device)
         past = self.codebook.mean.expand(batch, -1)
         features, codes, made = [], [], []

@@ -7,11 +7,11 @@ give the same result.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 BLOCK_FRAMES = 512  # frames
@@ -25,22 +25,31 @@ class KeysValues:
     keys: Float[Tensor, "B H U D"]
     values: Float[Tensor, "B H U D"]
     first: int
+    # Frames of each row from position 0, in a batch of memories of several lengths; None: all rows are full.
+    lengths: Int[Tensor, " B"] | None = None
 
     def window(self, start: int, stop: int) -> KeysValues:
         """Frames start .. stop - 1 (absolute positions), as far as they are stored."""
         low = max(start - self.first, 0)
         high = max(stop - self.first, 0)
-        return KeysValues(self.keys[:, :, low:high], self.values[:, :, low:high], self.first + low)
+        return replace(self, keys=self.keys[:, :, low:high], values=self.values[:, :, low:high], first=self.first + low)
+
+    def filled(self, position: int) -> Bool[Tensor, "B 1 1 U"] | None:
+        """Which frames are no padding; None: all. In rows that end before `position`, all frames up to it count."""
+        stop = self.first + self.keys.shape[2]
+        if self.lengths is None or int(self.lengths.min()) >= stop:
+            return None
+        order = torch.arange(self.first, stop, device=self.keys.device)
+        return (order < self.lengths.clamp(min=position + 1)[:, None])[:, None, None]
 
     def detached(self) -> KeysValues:
         """A copy without gradient."""
-        return KeysValues(self.keys.detach(), self.values.detach(), self.first)
+        return replace(self, keys=self.keys.detach(), values=self.values.detach())
 
     def append(self, other: KeysValues) -> KeysValues:
         """This memory with the next frames appended."""
-        return KeysValues(
-            torch.cat([self.keys, other.keys], dim=2), torch.cat([self.values, other.values], dim=2), self.first
-        )
+        keys, values = torch.cat([self.keys, other.keys], dim=2), torch.cat([self.values, other.values], dim=2)
+        return replace(self, keys=keys, values=values)
 
 
 class WindowAttention(nn.Module):
@@ -81,10 +90,11 @@ class WindowAttention(nn.Module):
 
     def step(self, x: Float[Tensor, "B 1 W"], position: int, memory: KeysValues) -> Float[Tensor, "B 1 W"]:
         """Attend in a single frame at `position`."""
-        return self._attend(x, position, memory.window(position - self.lookback, position + self.lookahead + 1), None)
+        seen = memory.window(position - self.lookback, position + self.lookahead + 1)
+        return self._attend(x, position, seen, seen.filled(position))
 
     def _attend(
-        self, x: Float[Tensor, "B T W"], first: int, memory: KeysValues, allowed: Bool[Tensor, "T U"] | None
+        self, x: Float[Tensor, "B T W"], first: int, memory: KeysValues, allowed: Bool[Tensor, "*#B T U"] | None
     ) -> Float[Tensor, "B T W"]:
         (query,) = self._split(self.query(x), 1)
         mixed = F.scaled_dot_product_attention(

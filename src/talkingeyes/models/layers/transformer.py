@@ -6,11 +6,11 @@ sequence.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
@@ -100,10 +100,12 @@ class CausalTransformer(nn.Module):
         out: Tensor = self.norm(x)
         return out
 
-    def start(self, memory: Float[Tensor, "B U W"] | None = None) -> Cache:
-        """An empty cache, with the memory projected once."""
+    def start(self, memory: Float[Tensor, "B U W"] | None = None, lengths: Int[Tensor, " B"] | None = None) -> Cache:
+        """An empty cache, with the memory projected once; `lengths`: frames of each row that are no padding."""
         projected = [
-            layer.attend_memory.project(memory) if memory is not None else None  # type: ignore[union-attr, operator]
+            replace(layer.attend_memory.project(memory), lengths=lengths)  # type: ignore[union-attr, operator]
+            if memory is not None
+            else None
             for layer in self.layers
         ]
         return Cache(0, [None] * len(self.layers), projected)
