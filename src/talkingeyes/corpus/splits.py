@@ -1,5 +1,5 @@
 """The fixed split of a corpus: some speakers are unseen, the sounds of the others are train, val and test, grouped by
-sound and sentence."""
+sound and sentence. A corpus of one person is split in time."""
 
 from __future__ import annotations
 
@@ -42,6 +42,26 @@ def split_sounds(
         split.update(dict.fromkeys(group, name))
     wanted = {name: max(size - filled[name], 0.0) for name, size in sizes.items()}
     return split | _distribute(single, wanted)
+
+
+def split_in_time(seconds: Mapping[str, float], *, val: float = 0.1, test: float = 0.1) -> dict[str, str]:
+    """Split of one person's sounds, given with their lengths in the order of recording: train, then val, then test.
+
+    A sound belongs to the split of its middle; of three sounds or more, each split has at least one.
+    """
+    total, passed, split = sum(seconds.values()), 0.0, {}
+    for sound, length in seconds.items():
+        place = (passed + length / 2) / total
+        split[sound] = "train" if place < 1 - val - test else "val" if place < 1 - test else "test"
+        passed += length
+    names = list(seconds)
+    if len(names) >= 3:
+        split[names[-1]] = "test"
+        if "val" not in split.values():
+            split[next(name for name in reversed(names) if split[name] == "train")] = "val"
+        if "train" not in split.values():
+            split[names[0]] = "train"
+    return split
 
 
 def _distribute(sounds: Sequence[str], wanted: Mapping[str, float]) -> dict[str, str]:

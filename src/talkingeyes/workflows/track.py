@@ -29,7 +29,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.output_folder import output_path
 from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.splits import split_sounds
+from talkingeyes.corpus.splits import split_in_time, split_sounds
 from talkingeyes.corpus.statistics import corpus_statistics, statistics_table
 from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
 from talkingeyes.fitting.clip import FitSettings
@@ -238,10 +238,13 @@ def mark_duplicates(outcomes: list[VideoResult], settings: TrackSettings) -> lis
 
 
 def index_rows(outcomes: Sequence[VideoResult], settings: TrackSettings) -> list[Clip]:
-    """Rows of the index; all clips of a video are in the same split."""
+    """Rows of the index; all clips of a video are in the same split, unless there is one person alone."""
     kept = [(outcome.source, entry) for outcome in outcomes for entry in outcome.entries if not entry.reason]
     speaker_of = {entry.id: source.speaker for source, entry in kept}
-    split = split_sounds(speaker_of, {entry.id: [source.name] for source, entry in kept}, settings.seed) if kept else {}
+    if len(set(speaker_of.values())) <= 1:
+        split = split_in_time({entry.id: entry.quality.seconds for _, entry in kept})
+    else:
+        split = split_sounds(speaker_of, {entry.id: [source.name] for source, entry in kept}, settings.seed)
     return [_row(source, entry, split[entry.id], settings) for source, entry in kept]
 
 

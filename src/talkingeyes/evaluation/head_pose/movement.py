@@ -61,14 +61,14 @@ def clip_difference(poses: Sequence[Float[ndarray, "T 6"]]) -> float:
     return float(np.mean([_root_mean_square([poses[i][:frames] - poses[j][:frames]]) for i, j in pairs]))
 
 
-def measure_style(pose: Float[ndarray, "T 6"]) -> Float[ndarray, " 18"]:
-    """Style vector: log standard deviations of the six numbers and of their first and second differences."""
+def measure_style(pose: Float[ndarray, "T P"]) -> Float[ndarray, " 3P"]:
+    """Style vector: log standard deviations of the numbers of a pose and of their first and second differences."""
     return np.asarray(
         np.log(np.concatenate([np.diff(pose, order, axis=0).std(0) for order in range(3)]).clip(min=MIN_DEVIATION))
     )
 
 
-def style_distance(ours: Float[ndarray, " 18"], theirs: Float[ndarray, " 18"]) -> float:
+def style_distance(ours: Float[ndarray, " S"], theirs: Float[ndarray, " S"]) -> float:
     """Root mean square difference of two style vectors; 0.1 means about 10 % more or less."""
     return float(np.sqrt(np.mean((ours - theirs) ** 2)))
 

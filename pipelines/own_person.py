@@ -1,0 +1,151 @@
+"""Models of one person: trained on the first part of their recordings, measured on the last.
+
+Run     python -m pipelines.own_person CORPUS [overrides]     CORPUS as `talkingeyes track` makes it of one person
+Reads   conf/experiment/own_person.yaml; the packaged default model
+Writes  in the folder that `workspace` names (build/own_person): data/train/own_person, the packaged default trained on
+        for this person; data/train/posegan, a head (Zhang et al.); data/train/posegan_own_gaze, both;
+        own_person.md, how they move beside the left-out part. For `talkingeyes animate --model`.
+
+Fit, speech features and PoseGAN are kept in the result store; an interrupted training resumes.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pipelines import train
+from pipelines.experiment import run_pipeline
+from talkingeyes.animation.model_file import PACKAGED_MODEL, open_model
+from talkingeyes.core.errors import InputError
+from talkingeyes.corpus.recordings import Recording, recordings
+from talkingeyes.corpus.samples import SampleSettings
+from talkingeyes.corpus.store import Corpus
+from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate
+from talkingeyes.evaluation.head_pose.own_person import PARTS, ClipStyle, StyleComparison, compare_styles
+from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.run import CHECKSUMS_FILE, Workspace, checksums, parallel_backend, run_command
+from talkingeyes.training.conditioning import ConditioningProvider
+from talkingeyes.training.motion_generators import (
+    Speech,
+    generate_batch,
+    load_generator,
+    required_inputs,
+    training_speakers,
+)
+
+# Models by row of the page.
+ROWS = {
+    "own_person": "the default, trained on",
+    "posegan_own_gaze": "PoseGAN's head, gaze of `own_person`",
+    "packaged": "the packaged default, random speakers",
+}
+PAGE = """# Motion of {speaker}
+
+{train_s:.0f} s of recording for training, {val_s:.0f} s for the choice of weights; compared with the last
+{test_s:.0f} s ({clips} clips), which no model has seen: {samples} samples of each clip. Distance of styles (log
+standard deviations of rotations and of their first and second differences; 0.1 is about 10 %), and ratios of range and
+speed. 95 % intervals over the clips of the last part; with few clips they are too narrow.
+
+"""
+
+
+def main() -> None:
+    """Train the models, measure them and write the page."""
+    if not (arguments := sys.argv[1:]) or "=" in arguments[0]:
+        raise InputError("CORPUS: should be a folder of `talkingeyes track`, got none")
+    params = compose(["experiment=own_person", f"corpus={Path(arguments[0]).resolve()}", *arguments[1:]])
+    workspace = Workspace(Path(params["workspace"]), params)
+    require_one_person(workspace.corpus)
+    run_pipeline({**params, "target": "train@posegan"}, workspace.root)
+    with parallel_backend(params["machine"]):
+        train_models(workspace)
+    page = measure(workspace)
+    (workspace.root / "own_person.md").write_text(page)
+    print(page)
+
+
+def require_one_person(corpus: Path) -> str:
+    """The only speaker of a corpus. Raises InputError if there are several, or if a split has no clip."""
+    clips = Corpus(corpus).clips
+    if len(speakers := {clip.speaker for clip in clips}) != 1:
+        raise InputError(f"{corpus}: should hold clips of one person, got {', '.join(sorted(speakers)[:9]) or 'none'}")
+    if missing := {"train", "val", "test"} - {clip.split for clip in clips}:
+        raise InputError(f"{corpus}: should have three clips or more, got none for {', '.join(sorted(missing))}")
+    return speakers.pop()
+
+
+def train_models(workspace: Workspace) -> None:
+    """Train the packaged default on for this person, and join PoseGAN's head with its gaze."""
+    packaged = workspace.data("train", "packaged")
+    shutil.rmtree(packaged, ignore_errors=True)
+    with open_model(PACKAGED_MODEL) as folder:
+        shutil.copytree(folder, packaged)
+    (packaged / CHECKSUMS_FILE).write_text(checksums(packaged))
+    for name in ("own_person", "posegan_own_gaze"):
+        train.run(workspace, name)
+
+
+def measure(workspace: Workspace) -> str:
+    """The page: how the person moves in the part for training, and how the models move, beside the left-out part."""
+    inputs = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
+    clips = {split: recordings(*inputs, split)[:] for split in ("train", "val", "test")}
+    settings = BootstrapSettings.model_validate(workspace.params["evaluate"]["bootstrap"])
+    samples = workspace.settings("sample", SampleSettings)
+    person = [_recorded(each) for each in clips["test"]]
+    rows = {
+        "recorded: the part for training": compare_styles(
+            [_recorded(each) for each in clips["train"]], person, settings, same_clips=False
+        )
+    }
+    for name, title in ROWS.items():
+        styles = _sampled(workspace.data("train", name), clips["test"], samples)
+        rows[title] = compare_styles(styles, person, settings, same_clips=True)
+    seconds = {f"{split}_s": sum(each.clip.seconds for each in found) for split, found in clips.items()}
+    (speaker,) = {each.clip.speaker for each in clips["test"]}
+    text = PAGE.format(speaker=speaker, clips=len(person), samples=samples.samples, **seconds)
+    return text + _table(rows)
+
+
+def _recorded(clip: Recording) -> ClipStyle:
+    return ClipStyle.of(clip.head[None].astype(float), clip.gaze[None].astype(float))
+
+
+def _sampled(model: Path, clips: Sequence[Recording], settings: SampleSettings) -> list[ClipStyle]:
+    """Styles of the samples of a model for the sounds of clips."""
+    generator = load_generator(model)
+    needed, rng = required_inputs(generator), np.random.default_rng(settings.seed)
+    provider = ConditioningProvider(needed, training_speakers(generator), (), None) if needed else None
+    speeches = [
+        Speech(
+            np.array(each.speech),
+            rng.integers(2**31, size=settings.samples).tolist(),
+            each.clip.fps,
+            provider.clip_inputs(each.clip, len(each)) if provider else NO_CONDITIONING,
+        )
+        for each in clips
+    ]
+    return [ClipStyle.of(each.head, each.gaze) for each in generate_batch(generator, speeches)]
+
+
+def _table(rows: Mapping[str, Mapping[str, StyleComparison]]) -> str:
+    columns = [f"{part}: {name}" for part in PARTS for name in ("distance", "range", "speed")]
+    body = [
+        [title, *(_cell(each) for part in PARTS for each in vars(found[part]).values())]
+        for title, found in rows.items()
+    ]
+    return markdown_table(["", *columns], body)
+
+
+def _cell(estimate: Estimate) -> str:
+    return f"{estimate.value:.2f} <sub>{estimate.low:.2f}–{estimate.high:.2f}</sub>"
+
+
+if __name__ == "__main__":
+    run_command(main)
