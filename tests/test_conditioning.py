@@ -253,6 +253,23 @@ def start(changes: dict[str, Any], other: checkpoint.Checkpoint | None = None) -
     return MotionTask(settings, 3, people(4, seed=1), people(2, seed=2), NORMALISER, None, None, other)
 
 
+def test_new_speakers_start_as_the_mean_speaker() -> None:
+    condition = {"kind": "speaker", **KINDS["speaker"]}
+    node = translation("vae").model_dump(mode="json") | {"conditions": [condition]}
+    settings = MotionTaskSettings.model_validate(node)
+    known = task_of(condition).module
+    config = {"speakers": list(known.speakers)}
+    others = [replace(each, clip=replace(each.clip, speaker="c")) for each in people(4, seed=1)]
+    other = checkpoint.Checkpoint(config, known.state_dict())
+    new = MotionTask(settings, 3, others, others, NORMALISER, None, None, other).module
+    (before,), (after,) = known.conditioners, new.conditioners
+    for name in ("symmetric", "antisymmetric"):
+        theirs, own = (getattr(each, name).weight for each in (before, after))
+        torch.testing.assert_close(own, torch.stack([theirs[:2].mean(0), theirs[2]]))
+    same = MotionTask(settings, 3, people(12, seed=1), others, NORMALISER, None, None, other).module
+    assert torch.equal(same.conditioners[0].symmetric.weight, before.symmetric.weight)
+
+
 def test_model_with_sound_starts_as_tokenizer_and_learns_to_use_sound() -> None:
     unconditional = start({"channels": []})
     speech, other = (torch.randn(50, CHANNELS) for _ in range(2))

@@ -33,6 +33,9 @@ ELSEWHERE = {
     "npm install three @pixiv/three-vrm @met4citizen/talkinghead": "npm",
     "cp docs/recipes/{vrm_live,talkinghead_live}.html docs/recipes/{live_avatar,stream_client}.js AVATAR.vrm "
     "AVATAR.glb . && python3 -m http.server -b 127.0.0.1": "avatars, not part of the project (test_live_pages.py)",
+    "talkingeyes track me.mp4 -o data/me": "a video of one person",
+    "python -m pipelines.own_person data/me": "a video of one person (a synthetic person: test_own_person.py)",
+    "talkingeyes animate speech.wav --model build/own_person/data/train/own_person -o build/me": "the same",
     "python -m benchmarks.gaze_datasets DIR": "recordings that are not part of the project (test_gaze_datasets.py)",
     "python local_viewer.py --point_path AVATAR/point_cloud.ply --motion_path motion.npz": "GaussianAvatars",
 }
@@ -66,7 +69,7 @@ def test_tutorial_writes_the_stated_files(project: Path) -> None:
 def test_commands_that_are_not_run_are_in_the_docs_and_listed() -> None:
     found = {line for page in RUN for line in lines(page)}
     assert ELSEWHERE.keys() <= found
-    assert len(ELSEWHERE) == 13
+    assert len(ELSEWHERE) == 16
     assert set(OF_ITS_OWN) <= {name_of(page) for page in PAGES}
     assert sum(len(lines(page)) for page in RUN) >= 50
 

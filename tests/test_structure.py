@@ -38,6 +38,7 @@ NO_STAGE = {
     "model",
     "objective",
     "optuna_study",
+    "own_person",
     "paper_table_rows",
     "params",
     "people",

@@ -61,7 +61,7 @@ def clip_difference(poses: Sequence[Float[ndarray, "T 6"]]) -> float:
     return float(np.mean([_root_mean_square([poses[i][:frames] - poses[j][:frames]]) for i, j in pairs]))
 
 
-def measure_style(pose: Float[ndarray, "T P"]) -> Float[ndarray, " 3P"]:
+def measure_style(pose: Float[ndarray, "T P"]) -> Float[ndarray, " 3*P"]:
     """Style vector: log standard deviations of the numbers of a pose and of their first and second differences."""
     return np.asarray(
         np.log(np.concatenate([np.diff(pose, order, axis=0).std(0) for order in range(3)]).clip(min=MIN_DEVIATION))
