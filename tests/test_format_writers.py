@@ -400,3 +400,11 @@ def test_a_mesh_of_flame_has_its_vertices(made: Path, tmp_path: Path, flame: Pat
     moved = to_forward_axes(shown, "visual")
     np.testing.assert_allclose(mesh.vertices, posed_vertices(head, motion_to_pose(head, moved))[0], atol=1e-6)
     np.testing.assert_array_equal(mesh.faces, head.faces)
+
+
+def test_a_folder_of_animate_is_imported_without_its_other_files(tmp_path: Path) -> None:
+    Motion.of(25.0, np.zeros((4, 3)), np.zeros((4, 2, 3))).save(tmp_path / "sample_00.npz")
+    for name in ("manifest.json", "summary.csv", "sample_00.events.json"):
+        (tmp_path / name).write_text("{}")
+    (read,) = convert.import_files([tmp_path], tmp_path / "out")
+    assert read.name == "sample_00"

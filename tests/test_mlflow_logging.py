@@ -96,6 +96,14 @@ def test_an_experiment_is_a_study_a_delta_or_dvcs_own(monkeypatch):
     assert experiment_name(PARAMS, ["experiment=tiny"]) == "calm"
 
 
+def test_a_study_may_have_an_apostrophe(recorded_root):
+    for count in (1.0, 2.0):
+        log_study(recorded_root, "ann's", {"model": "vae"}, Report({"trials_complete": count}))
+    client = mlflow_client(recorded_root)
+    (study,) = client.search_runs([client.get_experiment_by_name("experiments").experiment_id])
+    assert study.data.metrics == {"trials_complete": 2.0}
+
+
 def test_rows_of_a_study_are_nested_in_its_run(tmp_path, recorded_root):
     front = tmp_path / "pareto.png"
     front.write_bytes(b"png")

@@ -33,6 +33,11 @@ def test_a_log_has_whole_lines() -> None:
     assert lines[-1].startswith("train one: 4 of 4, ")
 
 
+@pytest.fixture(autouse=True)
+def _default_mode(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(progress.MODE_VARIABLE, raising=False)
+
+
 def in_terminal(**environment: str) -> str:
     """What a process writes to a terminal."""
     main, other = pty.openpty()

@@ -126,7 +126,8 @@ def log_study(root: Path, study: str, objective: Mapping[str, Any], report: Repo
 
 def _study_run(client: Any, experiment: str, study: str, tags: Mapping[str, str]) -> str:
     """Id of the run of a study, which is made if it is missing."""
-    found = client.search_runs([experiment], f"tags.study = '{study}'", max_results=1)
+    quote = '"' if "'" in study else "'"  # a filter has no escapes
+    found = client.search_runs([experiment], f"tags.study = {quote}{study}{quote}", max_results=1)
     if found:
         return str(found[0].info.run_id)
     return _log(client, experiment, _Run(study, {}, {}, {"study": study, **tags}, ()))

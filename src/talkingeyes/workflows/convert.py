@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from talkingeyes.head.model import HeadModel
 
 OWN_FILES = re.compile(r".+\.npz")
+# Files that `animate` writes beside its motions, skipped where a whole folder is imported.
+NO_MOTIONS = re.compile(r"manifest\.json|summary\.(csv|json)|.+\.events\.json")
 
 
 @dataclass(frozen=True)
@@ -281,6 +283,7 @@ def _sources(files: Sequence[Path]) -> dict[str, Path]:
     for file in files:
         if file.is_dir() and not any(file.glob("*.frame")):
             inside = [path for path in sorted(file.iterdir()) if path.name.lower().endswith(SUFFIXES)]
+            inside = [path for path in inside if not NO_MOTIONS.fullmatch(path.name)]
             if not inside:
                 raise InputError(f"{file}: should hold files that end in {', '.join(SUFFIXES)}, got none")
             listed += inside
