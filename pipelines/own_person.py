@@ -25,7 +25,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.recordings import Recording, recordings
 from talkingeyes.corpus.samples import SampleSettings
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate
+from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, bootstrap, ratio_statistic
 from talkingeyes.evaluation.head_pose.own_person import PARTS, ClipStyle, StyleComparison, compare_styles
 from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING
@@ -33,7 +33,9 @@ from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Workspace, checksums, parallel_backend, run_command
 from talkingeyes.training.conditioning import ConditioningProvider
 from talkingeyes.training.motion_generators import (
+    NetworkGenerator,
     Speech,
+    TrainedGenerator,
     generate_batch,
     load_generator,
     required_inputs,
@@ -50,8 +52,9 @@ PAGE = """# Motion of {speaker}
 
 {train_s:.0f} s of recording for training, {val_s:.0f} s for the choice of weights; compared with the last
 {test_s:.0f} s ({clips} clips), which no model has seen: {samples} samples of each clip. Distance of styles (log
-standard deviations of rotations and of their first and second differences; 0.1 is about 10 %), and ratios of range and
-speed. 95 % intervals over the clips of the last part; with few clips they are too narrow.
+standard deviations of rotations and of their first and second differences; 0.1 is about 10 %), ratios of range and
+speed, and log-likelihood of the recorded motion, nats per second. 95 % intervals over the clips of the last part; with
+few clips they are too narrow.
 
 """
 
@@ -99,30 +102,30 @@ def measure(workspace: Workspace) -> str:
     settings = BootstrapSettings.model_validate(workspace.params["evaluate"]["bootstrap"])
     samples = workspace.settings("sample", SampleSettings)
     person = [_recorded(each) for each in clips["test"]]
-    rows = {
-        "recorded: the part for training": compare_styles(
-            [_recorded(each) for each in clips["train"]], person, settings, same_clips=False
-        )
-    }
+    training = compare_styles([_recorded(each) for each in clips["train"]], person, settings, same_clips=False)
+    rows = [_row("recorded: the part for training", training, None)]
     for name, title in ROWS.items():
-        styles = _sampled(workspace.data("train", name), clips["test"], samples)
-        rows[title] = compare_styles(styles, person, settings, same_clips=True)
+        generator = load_generator(workspace.data("train", name))
+        speeches = _speeches(generator, clips["test"], samples)
+        styles = [ClipStyle.of(each.head, each.gaze) for each in generate_batch(generator, speeches)]
+        compared = compare_styles(styles, person, settings, same_clips=True)
+        rows.append(_row(title, compared, _log_likelihood(generator, speeches, clips["test"], settings)))
     seconds = {f"{split}_s": sum(each.clip.seconds for each in found) for split, found in clips.items()}
     (speaker,) = {each.clip.speaker for each in clips["test"]}
     text = PAGE.format(speaker=speaker, clips=len(person), samples=samples.samples, **seconds)
-    return text + _table(rows)
+    columns = [f"{part}: {name}" for part in PARTS for name in ("distance", "range", "speed")]
+    return text + markdown_table(["", *columns, "log-likelihood"], rows)
 
 
 def _recorded(clip: Recording) -> ClipStyle:
     return ClipStyle.of(clip.head[None].astype(float), clip.gaze[None].astype(float))
 
 
-def _sampled(model: Path, clips: Sequence[Recording], settings: SampleSettings) -> list[ClipStyle]:
-    """Styles of the samples of a model for the sounds of clips."""
-    generator = load_generator(model)
+def _speeches(generator: TrainedGenerator, clips: Sequence[Recording], settings: SampleSettings) -> list[Speech]:
+    """The sounds of clips with seeds, and the speaker, if the model takes one."""
     needed, rng = required_inputs(generator), np.random.default_rng(settings.seed)
     provider = ConditioningProvider(needed, training_speakers(generator), (), None) if needed else None
-    speeches = [
+    return [
         Speech(
             np.array(each.speech),
             rng.integers(2**31, size=settings.samples).tolist(),
@@ -131,19 +134,30 @@ def _sampled(model: Path, clips: Sequence[Recording], settings: SampleSettings) 
         )
         for each in clips
     ]
-    return [ClipStyle.of(each.head, each.gaze) for each in generate_batch(generator, speeches)]
 
 
-def _table(rows: Mapping[str, Mapping[str, StyleComparison]]) -> str:
-    columns = [f"{part}: {name}" for part in PARTS for name in ("distance", "range", "speed")]
-    body = [
-        [title, *(_cell(each) for part in PARTS for each in vars(found[part]).values())]
-        for title, found in rows.items()
+def _log_likelihood(
+    generator: TrainedGenerator, speeches: Sequence[Speech], clips: Sequence[Recording], settings: BootstrapSettings
+) -> Estimate | None:
+    """Log-likelihood of recorded motion, nats per second; None for a generator without one."""
+    if not isinstance(generator, NetworkGenerator):
+        return None
+    nats = [
+        sum(generator.log_likelihood(speech.embedding, clip.head, clip.gaze, speech.conditioning).values())
+        for speech, clip in zip(speeches, clips, strict=True)
     ]
-    return markdown_table(["", *columns], body)
+    seconds = np.array([len(clip) / clip.clip.fps for clip in clips])
+    return bootstrap(ratio_statistic(np.array(nats), seconds), len(clips), settings)
 
 
-def _cell(estimate: Estimate) -> str:
+def _row(title: str, compared: Mapping[str, StyleComparison], log_likelihood: Estimate | None) -> list[str]:
+    estimates = [each for part in PARTS for each in vars(compared[part]).values()]
+    return [title, *map(_cell, [*estimates, log_likelihood])]
+
+
+def _cell(estimate: Estimate | None) -> str:
+    if estimate is None:
+        return ""
     return f"{estimate.value:.2f} <sub>{estimate.low:.2f}–{estimate.high:.2f}</sub>"
 
 

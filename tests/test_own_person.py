@@ -18,7 +18,7 @@ from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.head_pose.own_person import ClipStyle, compare_styles
 
 SETTINGS = BootstrapSettings(n_resamples=50, confidence_level=0.95, seed=0)
-SHORT = ("loop.steps=4", "loop.validate_every=2", "loop.batch=4", "validation_clips=2")
+SHORT = ("loop.steps=4", "loop.validate_every=4", "loop.batch=4", "validation_clips=2")
 
 
 @given(st.lists(st.floats(3, 20), min_size=3, max_size=30))
