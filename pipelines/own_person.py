@@ -158,6 +158,8 @@ def _row(title: str, compared: Mapping[str, StyleComparison], log_likelihood: Es
 def _cell(estimate: Estimate | None) -> str:
     if estimate is None:
         return ""
+    if estimate.low == estimate.high:  # a single clip
+        return f"{estimate.value:.2f}"
     return f"{estimate.value:.2f} <sub>{estimate.low:.2f}–{estimate.high:.2f}</sub>"
 
 
