@@ -14,6 +14,7 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ from talkingeyes.evaluation.head_pose.own_person import PARTS, ClipStyle, StyleC
 from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import CHECKSUMS_FILE, Workspace, checksums, parallel_backend, run_command
+from talkingeyes.orchestration.run import Workspace, parallel_backend, run_command
 from talkingeyes.training.conditioning import ConditioningProvider
 from talkingeyes.training.motion_generators import (
     NetworkGenerator,
@@ -50,11 +51,11 @@ ROWS = {
 }
 PAGE = """# Motion of {speaker}
 
-{train_s:.0f} s of recording for training, {val_s:.0f} s for the choice of weights; compared with the last
+{train_s:.0f} s of recording for training, {val_s:.0f} s for the choice of PoseGAN's weights; compared with the last
 {test_s:.0f} s ({clips} clips), which no model has seen: {samples} samples of each clip. Distance of styles (log
 standard deviations of rotations and of their first and second differences; 0.1 is about 10 %), ratios of range and
-speed, and log-likelihood of the recorded motion, nats per second. 95 % intervals over the clips of the last part; with
-few clips they are too narrow.
+speed, and log-likelihood of the recorded motion, nats per second (of the packaged default: without a speaker, which is
+better than a random one). 95 % intervals over the clips of the last part; with few clips they are too narrow.
 
 """
 
@@ -65,11 +66,11 @@ def main() -> None:
         raise InputError("CORPUS: should be a folder of `talkingeyes track`, got none")
     params = compose(["experiment=own_person", f"corpus={Path(arguments[0]).resolve()}", *arguments[1:]])
     workspace = Workspace(Path(params["workspace"]), params)
-    require_one_person(workspace.corpus)
+    speaker = require_one_person(workspace.corpus)
     run_pipeline({**params, "target": "train@posegan"}, workspace.root)
     with parallel_backend(params["machine"]):
         train_models(workspace)
-    page = measure(workspace)
+    page = measure(workspace, speaker)
     (workspace.root / "own_person.md").write_text(page)
     print(page)
 
@@ -86,16 +87,13 @@ def require_one_person(corpus: Path) -> str:
 
 def train_models(workspace: Workspace) -> None:
     """Train the packaged default on for this person, and join PoseGAN's head with its gaze."""
-    packaged = workspace.data("train", "packaged")
-    shutil.rmtree(packaged, ignore_errors=True)
-    with open_model(PACKAGED_MODEL) as folder:
-        shutil.copytree(folder, packaged)
-    (packaged / CHECKSUMS_FILE).write_text(checksums(packaged))
+    with open_model(PACKAGED_MODEL) as packaged, workspace.output("train", "packaged") as folder:
+        shutil.copytree(packaged, folder, dirs_exist_ok=True)
     for name in ("own_person", "posegan_own_gaze"):
         train.run(workspace, name)
 
 
-def measure(workspace: Workspace) -> str:
+def measure(workspace: Workspace, speaker: str) -> str:
     """The page: how the person moves in the part for training, and how the models move, beside the left-out part."""
     inputs = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
     clips = {split: recordings(*inputs, split)[:] for split in ("train", "val", "test")}
@@ -109,9 +107,10 @@ def measure(workspace: Workspace) -> str:
         speeches = _speeches(generator, clips["test"], samples)
         styles = [ClipStyle.of(each.head, each.gaze) for each in generate_batch(generator, speeches)]
         compared = compare_styles(styles, person, settings, same_clips=True)
+        if name == "packaged":
+            speeches = [replace(each, conditioning=NO_CONDITIONING) for each in speeches]
         rows.append(_row(title, compared, _log_likelihood(generator, speeches, clips["test"], settings)))
     seconds = {f"{split}_s": sum(each.clip.seconds for each in found) for split, found in clips.items()}
-    (speaker,) = {each.clip.speaker for each in clips["test"]}
     text = PAGE.format(speaker=speaker, clips=len(person), samples=samples.samples, **seconds)
     columns = [f"{part}: {name}" for part in PARTS for name in ("distance", "range", "speed")]
     return text + markdown_table(["", *columns, "log-likelihood"], rows)

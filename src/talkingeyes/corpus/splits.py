@@ -49,19 +49,16 @@ def split_in_time(seconds: Mapping[str, float], *, val: float = 0.1, test: float
 
     A sound belongs to the split of its middle; of three sounds or more, each split has at least one.
     """
-    total, passed, split = sum(seconds.values()), 0.0, {}
-    for sound, length in seconds.items():
-        place = (passed + length / 2) / total
-        split[sound] = "train" if place < 1 - val - test else "val" if place < 1 - test else "test"
-        passed += length
-    names = list(seconds)
-    if len(names) >= 3:
-        split[names[-1]] = "test"
-        if "val" not in split.values():
-            split[next(name for name in reversed(names) if split[name] == "train")] = "val"
-        if "train" not in split.values():
-            split[names[0]] = "train"
-    return split
+    lengths = np.array(list(seconds.values()))
+    middles = (np.cumsum(lengths) - lengths / 2) / lengths.sum()
+    val_from, test_from = np.searchsorted(middles, [1 - val - test, 1 - test])
+    if len(lengths) >= 3:
+        val_from = min(val_from, len(lengths) - 2)
+        test_from = min(max(test_from, val_from + 1), len(lengths) - 1)
+    return {
+        sound: "train" if place < val_from else "val" if place < test_from else "test"
+        for place, sound in enumerate(seconds)
+    }
 
 
 def _distribute(sounds: Sequence[str], wanted: Mapping[str, float]) -> dict[str, str]:

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Protocol, runtime_checkable
 
 import torch
-import torch.nn.functional as F
 from jaxtyping import Float, Int
 from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
 from talkingeyes.core.settings import ComponentRegistry, ComponentSettings
 from talkingeyes.models.gaze.saccade_rendering import SEED_OFFSET
@@ -116,9 +116,8 @@ class StreamableGazeGenerator(Protocol):
 
 def concat_padded(parts: Sequence[Float[Tensor, "_ _ W"]]) -> tuple[Float[Tensor, "B T W"], Int[Tensor, " B"]]:
     """The rows of all parts, filled with zeros up to the longest, and their lengths."""
-    longest = max(part.shape[1] for part in parts)
-    rows = torch.cat([F.pad(part, (0, 0, 0, longest - part.shape[1])) for part in parts])
-    return rows, torch.cat([torch.full((len(part),), part.shape[1], device=rows.device) for part in parts])
+    rows = [row for part in parts for row in part]
+    return pad_sequence(rows, batch_first=True), torch.tensor([len(row) for row in rows], device=rows[0].device)
 
 
 def uniform_noise(seeds: list[int], count: int) -> Float[Tensor, "B N"]:
