@@ -11,6 +11,7 @@ import torch
 from model_conf import model_section
 from toy import clip
 
+from pipelines.talking_face import talking_face
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
@@ -42,7 +43,9 @@ from talkingeyes.evaluation.head_pose.one_class_svm import SVMSettings, acceptan
 from talkingeyes.evaluation.head_pose.transfer import blend_styles
 from talkingeyes.evaluation.head_pose.windows import PoseWindows, pose_windows, sliding_windows
 from talkingeyes.head.anny import anny_head
+from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.sag import FaceSurface
+from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.models.head.discriminator import Discriminator, DiscriminatorContext, DiscriminatorSettings
 from talkingeyes.models.head.pose_generator import PoseInputs, TrainingWindows
 from talkingeyes.orchestration.config import compose
@@ -447,6 +450,40 @@ class TestPGFace:
         made = pgface_task()
         history = train(made, made.settings.loop, "pgface")
         assert history[-1]["vertex_error_mm"] < 0.7 * history[-1]["mean_shape_error_mm"]
+
+    def test_each_frame_of_a_sequence_is_that_of_its_window(self) -> None:
+        network = pgface_task().module.eval()
+        rng = np.random.default_rng(1)
+        speech, pose = (torch.from_numpy(rng.standard_normal((300, n)).astype(np.float32)) for n in (CHANNELS, 6))
+        made = network.sequence(speech, pose)
+        assert made.shape == (300, 4)
+        for frame in (7, 100, 291):  # the 8th of 16 frames
+            cut = slice(frame - 7, frame + 9)
+            torch.testing.assert_close(made[frame], network(speech[None, cut], pose[None, cut])[0], atol=1e-5, rtol=0)
+        assert torch.isfinite(made).all()
+
+    def test_weights_give_the_same_face_also_on_the_sagging_head(self) -> None:
+        surface = FaceSurface(anny_head())
+        rng = np.random.default_rng(0)
+        jaw = np.stack([rng.uniform(0, 0.3, 5), np.zeros(5), np.zeros(5)], axis=1)
+        motion = Motion.of(30.0, 0.3 * rng.standard_normal((5, 3)), np.zeros((5, 2, 3)), jaw=jaw)
+        shapes = surface.shapes(surface.factors(motion, motion.head))
+        weights = surface.weights(shapes)
+        np.testing.assert_allclose(surface.shapes(weights), shapes, atol=1e-4)  # metres
+        level = Motion.of(
+            30.0, np.zeros((5, 3)), np.zeros((5, 2, 3)),
+            expression=weights, expression_names=surface.sagging_model.expression_names,
+        )  # fmt: skip
+        posed = posed_vertices(surface.sagging_model, motion_to_pose(surface.sagging_model, level))
+        np.testing.assert_allclose(posed[:, surface.vertices], shapes, atol=1e-4)
+
+    def test_the_face_answers_to_the_head_that_posegan_moves_unless_its_pose_is_fixed(self) -> None:
+        heads, faces, surface = task("posegan").module, pgface_task().module.eval(), FaceSurface(anny_head())
+        speech = np.random.default_rng(2).standard_normal((90, CHANNELS)).astype(np.float32)
+        moved, fixed = (talking_face(heads, faces, surface, speech, "a", 0, fixed_pose=each) for each in (False, True))
+        np.testing.assert_array_equal(moved.head, fixed.head)
+        assert moved.expression.shape == (90, len(surface.sagging_model.expression_names))
+        assert np.abs(moved.expression - fixed.expression).max() > 1e-3
 
     def test_eq_7_is_the_masked_sum_over_vertices(self) -> None:
         from talkingeyes.models.pgface import PGFace

@@ -1,6 +1,6 @@
 """Draws docs/pictures/pgface.png: one speech under three pitches of the head (Zhang et al., Fig. 7), faces aligned.
 
-Run: python docs/pictures/pgface.py build/posegan/seed-0/data [OUT.png]
+Run: python docs/pictures/pgface.py build/posegan/data [OUT.png]
 Prints how far the lower face moves by PGFace, and how far it hangs by the law that the data were made with.
 """
 

@@ -9,7 +9,7 @@ chin. The amount is chosen, not measured: 4 mm with the head turned by 90 degree
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,8 @@ from talkingeyes.head.posing import shape_weights
 SAG_M = 0.004
 DOWN = np.array([0.0, -1.0, 0.0])
 LOWER_FACE_M = 0.035  # distance below the eyes: mouth, cheeks, chin
+SAG_NAMES = ("sagX", "sagY", "sagZ")
+RIDGE = 1e-4  # of `weights`, relative to the mean square of the directions: some shapes are nearly sums of others
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,17 @@ class FaceSurface:
         hanging = SAG_M * np.eye(3)[:, None] * softness[:, None]
         return np.concatenate([self.model.expression[:, self.vertices].astype(np.float64), hanging])
 
+    @cached_property
+    def sagging_model(self) -> HeadModel:
+        """The head with three more shapes, so that the factors are weights of its shapes."""
+        hanging = np.zeros((len(SAG_NAMES), *self.model.template.shape), self.model.expression.dtype)
+        hanging[:, self.vertices] = self.directions[-len(SAG_NAMES) :]
+        return replace(
+            self.model,
+            expression=np.concatenate([self.model.expression, hanging]),
+            expression_names=(*self.model.expression_names, *SAG_NAMES),
+        )
+
     def factors(self, motion: Motion, head: Float[ndarray, "T 3"]) -> Float[ndarray, "T K"]:
         """Factors of the face of a motion with a given head pose; gaze ahead, lids open."""
         frames = len(motion)
@@ -68,6 +81,14 @@ class FaceSurface:
             weights[:, self.model.shape(name)] += column
         towards = np.einsum("tij,i->tj", rotvec_to_matrix(head), DOWN) - DOWN
         return np.concatenate([weights, towards], axis=1)
+
+    def weights(self, shapes: Float[ndarray, "T V 3"]) -> Float[ndarray, "T K"]:
+        """The smallest factors of given faces, by ridge regression; they move teeth and tongue with the face."""
+        flat = self.directions.reshape(len(self.directions), -1)
+        gram = flat @ flat.T
+        gram += RIDGE * gram.diagonal().mean() * np.eye(len(gram))
+        moved = (shapes - self.model.template[self.vertices]).reshape(len(shapes), -1)
+        return np.asarray(np.linalg.solve(gram, flat @ moved.T).T)
 
     def shapes(self, factors: Float[ndarray, "T K"]) -> Float[ndarray, "T V 3"]:
         """Faces in head coordinates."""

@@ -21,6 +21,8 @@ from torch.nn import functional
 from talkingeyes.core.settings import Settings
 from talkingeyes.models.speech_projection import SpeechProjection, SpeechProjectionSettings
 
+WINDOWS_AT_ONCE = 256
+
 
 class PGFaceNetworkSettings(Settings):
     """Size of the network, and its losses."""
@@ -81,6 +83,14 @@ class PGFace(nn.Module):
     def shapes(self, coefficients: Float[Tensor, "B K"]) -> Float[Tensor, "B V 3"]:
         """Vertices in head coordinates."""
         return self.mean + torch.einsum("bk,kvc->bvc", coefficients, self.basis)
+
+    @torch.no_grad()
+    def sequence(self, speech: Float[Tensor, "T C"], pose: Float[Tensor, "T 6"]) -> Float[Tensor, "T K"]:
+        """Coefficients of every frame; the first and the last frame are repeated for the windows at the ends."""
+        before = self.settings.output_frame - 1
+        frames = torch.arange(len(speech))[:, None] + torch.arange(self.settings.window) - before
+        cut = frames.clamp(0, len(speech) - 1)
+        return torch.cat([self(speech[each], pose[each]) for each in cut.split(WINDOWS_AT_ONCE)])
 
     def masked_squared_error(self, difference: Float[Tensor, "B K"]) -> Float[Tensor, ""]:
         """Eq. 7 of a difference: the masked square, mean over vertices and coordinates."""
