@@ -51,7 +51,7 @@ def main() -> None:
     parser.add_argument("--fixed-pose", action="store_true", help="the shape does not answer to the pose of the head")
     parser.add_argument("--out", type=Path, help="the film (default: talking_face.mp4 in the workspace)")
     parser.add_argument("overrides", nargs="*", help="overrides of conf/, such as experiment=posegan_tiny")
-    given = parser.parse_args()
+    given = parser.parse_intermixed_args()
     sound = read_speech(given.speech)
     own = any(each.startswith("experiment=") for each in given.overrides)
     params = compose([*([] if own else ["experiment=posegan"]), *given.overrides])
