@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from checked_calls import check_again
 from filelock import FileLock
 from hypothesis import settings
 
@@ -20,6 +21,12 @@ os.environ["PYTHONPATH"] = os.pathsep.join(str(ROOT / folder) for folder in ("sr
 
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("repeatable")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Check types in the first calls of this test, whatever others have called."""
+    check_again()
 
 
 @pytest.fixture(scope="session")

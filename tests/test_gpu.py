@@ -96,14 +96,14 @@ def test_models_of_head_and_gaze(name: str, tmp_path: Path) -> None:
     settings, names = toy_settings(shortened(raw) | less)
     normaliser = Normaliser(tuple(names), np.zeros(CHANNELS, np.float32), np.ones(CHANNELS, np.float32))
     book = codebook(settings.tokenizer)
-    clips = recordings(8, seed=1), recordings(2, seed=2)
+    clips = recordings(8, seed=1), recordings(2, seed=2, frames=64)
     task = MotionTask(settings, 0, *clips, normaliser, book)
     with fake_gpu():
         history = learn(task, settings.loop)
         task.fit_equaliser()
         task.choose_temperature()
         checkpoint.save(tmp_path, task.module.state_dict(), network_config(settings, names, book, task.module), history)
-    assert np.isfinite(load_generator(tmp_path).generate(recordings(1, seed=9)[0].speech, [5], 25.0).gaze).all()
+    assert np.isfinite(load_generator(tmp_path).generate(recordings(1, seed=9, frames=64)[0].speech, [5], 25.0).gaze).all()
 
 
 def test_encoder_trained_jointly(folder: Path, tmp_path: Path) -> None:
