@@ -103,7 +103,8 @@ def test_models_of_head_and_gaze(name: str, tmp_path: Path) -> None:
         task.fit_equaliser()
         task.choose_temperature()
         checkpoint.save(tmp_path, task.module.state_dict(), network_config(settings, names, book, task.module), history)
-    assert np.isfinite(load_generator(tmp_path).generate(recordings(1, seed=9, frames=64)[0].speech, [5], 25.0).gaze).all()
+    speech = recordings(1, seed=9, frames=64)[0].speech
+    assert np.isfinite(load_generator(tmp_path).generate(speech, [5], 25.0).gaze).all()
 
 
 def test_encoder_trained_jointly(folder: Path, tmp_path: Path) -> None:
