@@ -78,7 +78,7 @@ def main() -> None:
     given = parser.parse_args()
     seeds = [int(each) for each in given.seeds.split(",")]
     of_gaze = [int(each) for each in (given.gaze_seeds or given.seeds).split(",")] if not given.without_gaze else []
-    conf = _conf(given.overrides)
+    conf = with_experiment(given.overrides)
     new_speakers = _strangers(given.workspace, conf)
     found = {}
     for seed in seeds:
@@ -88,7 +88,8 @@ def main() -> None:
     _write(given.workspace, found, benchmark)
 
 
-def _conf(overrides: Sequence[str]) -> list[str]:
+def with_experiment(overrides: Sequence[str]) -> list[str]:
+    """Overrides of conf/, with experiment=posegan unless they have another experiment."""
     return [*([] if any("experiment=" in each for each in overrides) else ["experiment=posegan"]), *overrides]
 
 

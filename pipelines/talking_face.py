@@ -19,6 +19,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from pipelines.experiment import run_pipeline
+from pipelines.posegan_table import with_experiment
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core.containers import read_json
@@ -38,6 +39,7 @@ from talkingeyes.rendering.view import FRAMINGS
 from talkingeyes.training.checkpoint import load
 from talkingeyes.training.pgface_task import pgface_network
 from talkingeyes.training.pose_generators import pose_network
+from talkingeyes.workflows.render import check_output_file
 
 SIZE_PX = 512
 
@@ -50,15 +52,16 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="seed of the head")
     parser.add_argument("--fixed-pose", action="store_true", help="the shape does not answer to the pose of the head")
     parser.add_argument("--out", type=Path, help="the film (default: talking_face.mp4 in the workspace)")
+    parser.add_argument("--force", action="store_true", help="overwrite the film")
     parser.add_argument("overrides", nargs="*", help="overrides of conf/, such as experiment=posegan_tiny")
     given = parser.parse_intermixed_args()
     sound = read_speech(given.speech)
-    own = any(each.startswith("experiment=") for each in given.overrides)
-    params = compose([*([] if own else ["experiment=posegan"]), *given.overrides])
+    params = compose(with_experiment(given.overrides))
     workspace = Workspace(Path(params["workspace"]), params)
+    workspace.root.mkdir(parents=True, exist_ok=True)
+    out = check_output_file(given.out or workspace.root / "talking_face.mp4", ".mp4", given.force)
     for name in ("posegan", "pgface"):
         run_pipeline({**params, "target": f"train@{name}"}, workspace.root)
-    out = given.out or workspace.root / "talking_face.mp4"
     heads = pose_network(load(workspace.data("train", "posegan")))
     speaker = given.speaker or heads.speakers[0]
     if speaker not in heads.speakers:

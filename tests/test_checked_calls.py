@@ -14,7 +14,7 @@ from talkingeyes.core.rotation import gaze_to_angles
 VECTORS = np.zeros((4, 3))
 MOTION = Motion.of(25.0, VECTORS, np.zeros((4, 2, 3)))
 WRONG = np.zeros((4, 2))  # two numbers in place of three
-# A call that is right, and one that jaxtyping refuses, of a function and of a class method.
+# A call that is right, and one that jaxtyping refuses.
 KINDS: dict[str, tuple[Callable[[], object], Callable[[], object]]] = {
     "function": (lambda: gaze_to_angles(VECTORS), lambda: gaze_to_angles(VECTORS.astype(int))),
     "class method": (
