@@ -11,7 +11,7 @@ seconds.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -95,7 +95,11 @@ def sample_gaze_cues(annotation: Annotation, style: SpeakerStyle, rng: np.random
             end = pause.end_s + rng.normal(*HESITATION_TIMING.end_s)
             aversions.append(GazeInterval(start, max(end, start + MIN_DWELL_S), True, "planning"))
     back.extend(span.start_s + rng.uniform(*LISTENER_LATENCY_S) for span in annotation.listening)
-    return GazeCues(tuple(sorted(aversions, key=lambda interval: interval.start_s)), tuple(sorted(back)))
+    delay_s = style.cue_delay_s
+    delayed = (replace(each, start_s=each.start_s + delay_s, end_s=each.end_s + delay_s) for each in aversions)
+    return GazeCues(
+        tuple(sorted(delayed, key=lambda interval: interval.start_s)), tuple(sorted(each + delay_s for each in back))
+    )
 
 
 def gaze_intervals(

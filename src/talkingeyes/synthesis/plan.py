@@ -75,6 +75,8 @@ class SynthesizeSettings(SourceSettings):
     blinks: Literal["physiological", "paper"]  # blink profile
     # Gaze by the literature on conversations face to face, or as recorded in remote calls.
     population: Literal["face_to_face", "remote_call"]
+    speech_coupling: float = Field(ge=0, le=1)  # of gaze, head and brows to speech: factor on that of each speaker
+    cue_delay_s: float = Field(ge=-2, le=2)  # of the cues that speech gives to gaze
     individuality: float = Field(ge=0, le=3)  # additional differences between speakers in head motion
     languages: tuple[str, ...] = Field(min_length=1)  # speakers are assigned to them in turn
     voices: tuple[str, ...]  # of espeak-ng, such as en-us+f3; empty: all of these languages
@@ -166,6 +168,8 @@ def speaker_of(settings: SynthesizeSettings, sound: PlannedSound) -> Speaker:
     )
     own = seeded_generator(settings.seed, "individual", sound.speaker)
     style = individualise_style(speaker.style, settings.individuality, own)
+    coupling = settings.speech_coupling * style.speech_coupling
+    style = replace(style, speech_coupling=coupling, cue_delay_s=settings.cue_delay_s)
     if settings.population != "face_to_face":
         style = with_habits(style, settings.population, seeded_generator(settings.seed, "habits", sound.speaker))
     return replace(speaker, style=style)

@@ -32,7 +32,8 @@ class SpeakerStyle:
     contributes to gaze shifts, and its gain. `speaking_lift` is the rise of the head while speaking,
     `blink_completeness` the proportion of blinks that close the lids, `kappa` the (yaw, pitch) from the visual to the
     optical axis of the left and the right eye. `habits` are fixations of a recorded population; None: the laws of
-    gaze_aversion and gaze_shifts, from the literature on conversations face to face.
+    gaze_aversion and gaze_shifts, from the literature on conversations face to face. `cue_delay_s` delays all cues that
+    speech gives to gaze.
     """
 
     partner_gaze_speaking: float
@@ -62,6 +63,7 @@ class SpeakerStyle:
     eyelids: tuple[EyelidParameters, EyelidParameters]
     kappa: tuple[tuple[float, float], tuple[float, float]]
     habits: GazeHabits | None = None
+    cue_delay_s: float = 0.0
 
 
 @dataclass(frozen=True)
