@@ -87,6 +87,18 @@ def test_aversion_direction_depends_on_cause(annotation, styles):
     assert octant_probabilities("planning")[2] > octant_probabilities("intimacy")[2]
 
 
+def test_cues_of_speech_can_be_delayed_and_weakened(annotation, styles):
+    def cues(**changes):
+        return [sample_gaze_cues(annotation, replace(style, **changes), np.random.default_rng(1)) for style in styles]
+
+    for early, late in zip(cues(), cues(cue_delay_s=0.8), strict=True):
+        for one, other in zip(early.aversions, late.aversions, strict=True):
+            assert (other.start_s - one.start_s, other.end_s - one.end_s) == pytest.approx((0.8, 0.8))
+        assert np.subtract(late.returns_s, early.returns_s) == pytest.approx(0.8)
+    counts = [sum(len(each.aversions) for each in cues(speech_coupling=coupling)) for coupling in (1.0, 0.5, 0.0)]
+    assert counts[0] > counts[1] > counts[2] == 0
+
+
 def test_aversions_lead_the_turn(annotation, styles):
     """Speakers begin with gaze averted, and look away about a second before."""
     before = []

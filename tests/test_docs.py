@@ -231,8 +231,8 @@ def test_own_words_are_detected() -> None:
 
 
 def test_the_manual_is_short() -> None:
-    words = sum(1 for page in MANUAL for word in page.read_text().split() if word.strip("|-:"))  # no bars of tables
-    assert 20_000 < words < 40_000
+    words = sum(1 for page in MANUAL for word in page.read_text().split() if re.search("[A-Za-z]", word))
+    assert 20_000 < words < 36_000  # without the numbers of tables
 
 
 def test_entries_of_the_changelog_are_short() -> None:

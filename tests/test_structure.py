@@ -54,6 +54,7 @@ NO_STAGE = {
     "release_report",
     "report_films",
     "result_store",
+    "second_world",
     "result_tables",
     "study",
     "sweep",
