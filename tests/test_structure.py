@@ -26,6 +26,7 @@ from talkingeyes.orchestration.run import configure_environment
 WITHOUT_SETTINGS = {"information", "report"}
 NO_STAGE = {
     "audio_motion_probes",
+    "benchmark_corpus",
     "combinations",
     "corpus",
     "evaluate_face",

@@ -1,4 +1,4 @@
-"""`talkingeyes evaluate`: compare motion with a corpus."""
+"""`talkingeyes evaluate` and `benchmark-corpus`: compare motion with a corpus, such as that of the package."""
 
 from __future__ import annotations
 
@@ -59,7 +59,9 @@ def evaluate(
         typer.echo(people_text(found))
         return
     if reference is None:
-        raise InputError("evaluate: needs --reference CORPUS, or --people DATA")
+        raise InputError(
+            "evaluate: needs --reference CORPUS (`talkingeyes benchmark-corpus CORPUS` writes one), or --people DATA"
+        )
     from talkingeyes.workflows.evaluate import benchmark_text
     from talkingeyes.workflows.evaluate import evaluate as measure
 
@@ -76,3 +78,13 @@ def evaluate(
         force=force,
     )
     typer.echo(benchmark_text(measured))
+
+
+def benchmark_corpus(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="A folder to write: new, or empty.")],
+) -> None:
+    """Write the corpus that comes with the package: sounds to animate, and their true motion for `evaluate`."""
+    from talkingeyes.corpus.packed import PACKAGED, unpack_corpus
+
+    clips = unpack_corpus(PACKAGED, out).clips
+    typer.echo(f"{out}: {len({clip.sound for clip in clips})} sounds in speech/, {len(clips)} true motions")

@@ -20,6 +20,7 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
     "animate": animation.animate,
     "add-eyes": adding_eyes.add_eyes,
     "evaluate": evaluation.evaluate,
+    "benchmark-corpus": evaluation.benchmark_corpus,
     "render": rendering.render,
     "head": rendering.render_head,
     "export": conversion.export_motion,

@@ -50,22 +50,25 @@ MIN_SOUNDS = 10  # with fewer sounds, intervals are too narrow
 
 @dataclass(frozen=True)
 class EvaluatedSound:
-    """A sound: its motion files, its takes and other sounds of the speaker in the corpus, and a file of the sound."""
+    """A sound: its motion files, its takes and other sounds of the speaker in the corpus, takes of another speaker, and
+    a file of the sound."""
 
     name: str
     files: tuple[Path, ...] = ()
     takes: tuple[Clip, ...] = ()
     others: tuple[str, ...] = ()
+    random: tuple[Clip, ...] = ()
     sound: Path | None = None
 
 
 @dataclass(frozen=True)
 class SoundObservation:
-    """Statistics of the motions and of the reference of one sound (None if there are none), and notes on rejected
-    files."""
+    """Statistics of one sound: of the motions, of the reference and of random motion (None if there are none), and
+    notes on rejected files."""
 
     motions: MotionStatistics | None
     reference: MotionStatistics | None
+    random: MotionStatistics | None
     notes: tuple[str, ...]
 
 
@@ -85,9 +88,14 @@ class MotionStatistics:
 
 @dataclass(frozen=True)
 class BenchmarkResult:
-    """The table of metrics, and the data that it is based on."""
+    """The table of metrics, that of random motion, and the data that they are based on.
+
+    Random motion is the true motion of another speaker under another sound. A metric in which it is as good as the
+    reference says nothing about motion that follows its sound. Empty for other sounds, and in a corpus of one speaker.
+    """
 
     rows: list[MetricResult]
+    random: list[MetricResult]
     fps: float
     reference_fps: float
     sounds: int
@@ -170,18 +178,20 @@ def _measured(
     work = matched or [*unmatched, *_held_out(corpus)]
     chunks = [work[start : start + CLIPS_PER_TASK] for start in range(0, len(work), CLIPS_PER_TASK)]
     seen = parallel_map(partial(_observe_all, references), chunks, jobs, "evaluate")
-    ours, theirs = MotionAccumulator("the motions"), MotionAccumulator("the reference")
+    ours, theirs, chance = (MotionAccumulator(f"the {name}") for name in ("motions", "reference", "random motions"))
     for one in (one for chunk in seen for one in chunk):
         notes.extend(one.notes)
         if paired and (one.motions is None or one.reference is None):
             continue
         ours.add(one.motions)
         theirs.add(one.reference)
+        chance.add(one.random)
     tally, other = ours.tally(notes), theirs.tally(notes)
     if tally.clips < MIN_SOUNDS:
         notes.append(f"intervals are over sounds and too narrow for {tally.clips}; use {MIN_SOUNDS} or more")
     rows = list(Comparison(tally, other, settings, paired).rows())
-    return BenchmarkResult(rows, tally.fps, other.fps, tally.clips, paired, notes)
+    random = list(Comparison(chance.tally(notes), other, settings, paired).rows()) if chance.any else []
+    return BenchmarkResult(rows, random, tally.fps, other.fps, tally.clips, paired, notes)
 
 
 class MotionAccumulator:
@@ -199,6 +209,11 @@ class MotionAccumulator:
         if self._tally.fps != one.fps:
             raise InputError(f"{self.whose} should have one frame rate, got {self._tally.fps:g} and {one.fps:g}")
         self._tally.add(one.sums, one.features)
+
+    @property
+    def any(self) -> bool:
+        """Whether there is any motion."""
+        return self._tally is not None
 
     def tally(self, notes: Sequence[str]) -> Accumulator:
         """The accumulated statistics. Raises InputError if there are none."""
@@ -233,18 +248,21 @@ def match_files(
         )
         silent += sound is not None and observation is None
         unmatched.append(EvaluatedSound(name, tuple(paths), sound=observation))
-    matched = [
-        EvaluatedSound(name, tuple(paths), tuple(takes[name]), _others(name, list(said_by[takes[name][0].speaker])))
-        for name, paths in sorted(of_sound.items())
-    ]
+    matched = []
+    for name, paths in sorted(of_sound.items()):
+        speaker = takes[name][0].speaker
+        strangers = [each for other, said in said_by.items() if other != speaker for each in said]
+        random = _chosen(name, strangers, 1)
+        others = _chosen(name, [each for each in said_by[speaker] if each != name], SHUFFLED_SOUNDS)
+        of_stranger = tuple(takes[random[0]]) if random else ()
+        matched.append(EvaluatedSound(name, tuple(paths), tuple(takes[name]), others, of_stranger))
     return matched, unmatched, [f"{silent} names have no sound in {sound}"] if silent else []
 
 
-def _others(name: str, same_speaker: Sequence[str]) -> tuple[str, ...]:
-    """A few other sounds of the speaker, chosen deterministically."""
-    other_sounds = [each for each in same_speaker if each != name]
+def _chosen(name: str, sounds: Sequence[str], count: int) -> tuple[str, ...]:
+    """A few of the sounds, chosen at random, always the same ones for a sound of this name."""
     rng = np.random.default_rng([*name.encode()])
-    return tuple(other_sounds[index] for index in rng.permutation(len(other_sounds))[:SHUFFLED_SOUNDS])
+    return tuple(sounds[index] for index in rng.permutation(len(sounds))[:count])
 
 
 def _held_out(corpus: Corpus) -> list[EvaluatedSound]:
@@ -265,12 +283,15 @@ def _observe(references: ReferencePaths, unit: EvaluatedSound) -> SoundObservati
     annotation = corpus.annotation(unit.takes[0]) if unit.takes else annotate_sound(unit.sound)
     notes: list[str] = []
     reference = _reference(references.true, unit.takes, annotation, notes)
-    motions = list(_behaviours(unit.files, annotation, reference[0] if reference else None, notes))
+    other_take = reference[0] if reference else None
+    motions = list(_behaviours(unit.files, annotation, other_take, notes))
+    strangers = [shard_path(references.true, clip.id, ".npz") for clip in unit.random]
+    random = list(_behaviours([path for path in strangers if path.is_file()], annotation, other_take, notes))
     rates = sorted({motion.fps for motion in motions})
     if len(rates) > 1:
         raise InputError(f"the motions should have one frame rate, got {rates[0]:g} and {rates[1]:g} for {unit.name}")
-    motions, reference = (_judged(references.evaluators, unit, each) for each in (motions, reference))
-    return SoundObservation(MotionStatistics.of(motions), MotionStatistics.of(reference), tuple(notes))
+    found = [MotionStatistics.of(_judged(references.evaluators, unit, each)) for each in (motions, reference, random)]
+    return SoundObservation(found[0], found[1], found[2], tuple(notes))
 
 
 def _judged(data: Path | None, unit: EvaluatedSound, motions: list[Behaviour]) -> list[Behaviour]:
@@ -335,9 +356,16 @@ def benchmark_text(found: BenchmarkResult) -> str:
     """The table as text for a terminal, with notes."""
     whose = "the truth under the same sounds" if found.paired else "the truth under other sounds"
     head = f"{found.sounds} sounds at {found.fps:g} fps, compared with {whose}; ! marks significant differences"
+    failed = [row.metric.name for row in found.random if row.worse]
+    if failed:
+        ours = sum(bool(row.worse) for row in found.rows if row.metric.name in failed)
+        head += (
+            "\nrandom is the true motion of other speakers under other sounds: it is worse in the "
+            f"{len(failed)} metrics of what follows the sound or the speaker, and the motions in {ours} of these"
+        )
     more = len(found.notes) - MAX_NOTES
     notes = [*found.notes[:MAX_NOTES], *([f"and {more} more notes"] if more > 0 else [])]
-    return "\n".join([as_text(found.rows), "", head, *(f"note: {note}" for note in notes)])
+    return "\n".join([as_text(found.rows, found.random), "", head, *(f"note: {note}" for note in notes)])
 
 
 def _write(found: BenchmarkResult, folder: Path) -> None:
@@ -350,6 +378,7 @@ def _write(found: BenchmarkResult, folder: Path) -> None:
         "same_sounds": found.paired,
         "notes": found.notes,
     }
-    (folder / "benchmark.json").write_text(as_json(found.rows, metadata))
-    (folder / "benchmark.csv").write_text(to_csv(found.rows))
-    plot_strips({"motions": found.rows}, {}, folder / "strip.png")
+    (folder / "benchmark.json").write_text(as_json(found.rows, metadata, found.random))
+    (folder / "benchmark.csv").write_text(to_csv(found.rows, found.random))
+    rows = {"motions": found.rows, **({"random": found.random} if found.random else {})}
+    plot_strips(rows, {}, folder / "strip.png")

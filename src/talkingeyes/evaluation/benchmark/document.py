@@ -30,6 +30,8 @@ class MetricEntry(Document):
     difference: Estimate | None = Field(description="Value less reference, over the same resamples.")
     worse: bool | None = Field(description="Whether worse than the reference by more than the interval.")
     reason: str = Field(description="Why there is no value; else empty.")
+    random: Estimate | None = Field(None, description="Of the true motion of other speakers under other sounds.")
+    random_worse: bool | None = Field(None, description="Whether `random` is worse than the reference.")
     unit: str
     direction: Direction = Field(description="What is better: closer to the reference, lower, or higher.")
 

@@ -18,8 +18,9 @@ LIMITS = ("value", "low", "high")
 METRICS_BY_NAME = {metric.name: metric for metric in METRICS}
 
 
-def as_json(rows: Sequence[MetricResult], metadata: Mapping[str, Any]) -> str:
-    """All rows as JSON, with metadata (number of sounds, frame rate)."""
+def as_json(rows: Sequence[MetricResult], metadata: Mapping[str, Any], random: Sequence[MetricResult] = ()) -> str:
+    """All rows as JSON, with metadata (number of sounds, frame rate), beside the baseline `random` if given."""
+    baseline = {row.metric.name: {"random": row.value, "random_worse": row.worse} for row in random}
     metrics = {
         row.metric.name: {
             "count": row.count,
@@ -29,6 +30,7 @@ def as_json(rows: Sequence[MetricResult], metadata: Mapping[str, Any]) -> str:
             "reason": row.reason,
             "unit": row.metric.unit,
             "direction": row.metric.direction,
+            **baseline.get(row.metric.name, {}),
         }
         for row in rows
     }
@@ -51,12 +53,14 @@ def from_json(content: Mapping[str, Any]) -> list[MetricResult]:
     ]
 
 
-def to_csv(rows: Sequence[MetricResult]) -> str:
-    """CSV with one line for each metric."""
+def to_csv(rows: Sequence[MetricResult], random: Sequence[MetricResult] = ()) -> str:
+    """CSV with one line for each metric, with the values of the baseline `random` if given."""
+    baseline = {row.metric.name: row for row in random}
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     limits = [f"{name}{'' if limit == 'value' else '_' + limit}" for name in ESTIMATES for limit in LIMITS]
-    writer.writerow(["metric", "unit", "direction", "count", "count_unit", *limits, "worse", "reason"])
+    more = ("random", "random_worse") if random else ()
+    writer.writerow(["metric", "unit", "direction", "count", "count_unit", *limits, "worse", "reason", *more])
     for row in rows:
         cells = [
             f"{getattr(found, limit):.6g}" if (found := getattr(row, name)) else ""
@@ -64,28 +68,28 @@ def to_csv(rows: Sequence[MetricResult]) -> str:
             for limit in LIMITS
         ]
         metric = row.metric
-        worse = "" if row.worse is None else str(row.worse).lower()
-        writer.writerow(
-            [metric.name, metric.unit, metric.direction, row.count, metric.count_unit, *cells, worse, row.reason]
-        )
+        description = (metric.name, metric.unit, metric.direction, row.count, metric.count_unit)
+        other = baseline.get(metric.name)
+        beside = (f"{other.value.value:.6g}" if other and other.value else "", _flag(other)) if random else ()
+        writer.writerow([*description, *cells, _flag(row), row.reason, *beside])
     return text.getvalue()
 
 
-def as_text(rows: Sequence[MetricResult]) -> str:
-    """Table for a terminal: value and reference with intervals; `!` marks values worse than the reference."""
-    cells = [
-        (
-            "!" if row.worse else "",
-            row.metric.name,
-            format_estimate(row.value),
-            format_estimate(row.reference),
-            row.metric.unit,
-            row.reason,
-        )
-        for row in rows
-    ]
-    cells = [("", "metric", "value", "reference", "unit", ""), *cells]
-    widths = [max(len(line[column]) for line in cells) for column in range(5)]
+def _flag(row: MetricResult | None) -> str:
+    return "" if row is None or row.worse is None else str(row.worse).lower()
+
+
+def as_text(rows: Sequence[MetricResult], random: Sequence[MetricResult] = ()) -> str:
+    """Table for a terminal: value and reference with intervals, and the value of the baseline `random` if given; `!`
+    marks values worse than the reference."""
+    baseline = {row.metric.name: row for row in random}
+    cells = [("", "metric", "value", "reference", *["random"][: len(random)], "unit", "")]
+    for row in rows:
+        other = baseline.get(row.metric.name)
+        beside = [("! " if other.worse else "") + f"{other.value.value:.3g}" if other and other.value else ""]
+        marked = ("!" if row.worse else "", row.metric.name, format_estimate(row.value), format_estimate(row.reference))
+        cells.append((*marked, *beside[: len(random)], row.metric.unit, row.reason))
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)][:-1]
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(line, [*widths, 0], strict=True)).rstrip() for line in cells
     )

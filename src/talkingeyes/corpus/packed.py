@@ -1,0 +1,83 @@
+"""The packaged corpus of the gaze benchmark: a corpus with its true motion in one small file.
+
+A zip of the index, the annotations, the sounds (Opus), and head, gaze and lids of every clip, in steps of STEP.
+Observations and events are left out.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import soundfile
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.core import output_folder
+from talkingeyes.core.motion import Motion
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
+
+PACKAGED = Path(__file__).with_name("assets") / "benchmark.zip"
+STEP = 2.0**-17  # of radians and of lids: 0.0004 degrees; rounded numbers compress to half the size
+FIELDS = ("head", "gaze", "lid")
+CORPUS_FILES = re.compile(r"clips\.parquet|speech|partner|annotations|truth")
+
+
+def pack_corpus(corpus: Corpus, path: Path) -> None:
+    """Write a corpus with truth as one file."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.write(corpus.root / "clips.parquet", "clips.parquet")
+        for clip in _first_takes(corpus):
+            archive.write(
+                shard_path(corpus.root / "annotations", clip.sound, ".json"), f"annotations/{clip.sound}.json"
+            )
+            archive.writestr(f"speech/{clip.sound}.ogg", _encoded(corpus.speech(clip)))
+            if (partner := corpus.partner(clip)) is not None:
+                archive.writestr(f"partner/{clip.sound}.ogg", _encoded(partner))
+        for clip in corpus.clips:
+            motion, content = corpus.truth(clip), io.BytesIO()
+            arrays = {name: (np.round(getattr(motion, name) / STEP) * STEP).astype(np.float32) for name in FIELDS}
+            np.savez(content, fps=motion.fps, valid=motion.valid, **arrays)
+            archive.writestr(f"truth/{clip.id}.npz", content.getvalue())
+
+
+def unpack_corpus(path: Path, folder: Path) -> Corpus:
+    """Write the corpus of a packed file to a folder that is new or empty, and return it."""
+    target = output_folder.output_path(folder, CORPUS_FILES, force=False)
+    with output_folder.atomic_folder(target) as partial, zipfile.ZipFile(path) as archive:
+        archive.extract("clips.parquet", partial)
+        corpus, names = Corpus(partial), set(archive.namelist())
+        for clip in _first_takes(corpus):
+            annotation = make_shard_path(partial / "annotations", clip.sound, ".json")
+            annotation.write_bytes(archive.read(f"annotations/{clip.sound}.json"))
+            speech = _decoded(archive.read(f"speech/{clip.sound}.ogg"))
+            partner = f"partner/{clip.sound}.ogg"
+            both = _decoded(archive.read(partner)) if partner in names else None
+            corpus.write_sound(clip.sound, speech, corpus.conversation(clip), both)
+        for clip in corpus.clips:
+            with np.load(io.BytesIO(archive.read(f"truth/{clip.id}.npz"))) as arrays:
+                motion = Motion.of(float(arrays["fps"]), **{name: arrays[name] for name in (*FIELDS, "valid")})
+            motion.save(make_shard_path(partial / "truth", clip.id, ".npz"))
+    return Corpus(target)
+
+
+def _first_takes(corpus: Corpus) -> list[Clip]:
+    """One clip of each sound."""
+    return [clip for clip in corpus.clips if clip.take == 0]
+
+
+def _encoded(sound: Float[ndarray, " N"]) -> bytes:
+    content = io.BytesIO()
+    soundfile.write(content, sound, SAMPLE_RATE, format="OGG", subtype="OPUS")
+    return content.getvalue()
+
+
+def _decoded(content: bytes) -> Float[ndarray, " N"]:
+    sound, rate = soundfile.read(io.BytesIO(content), dtype="float32")
+    assert rate == SAMPLE_RATE, rate
+    return np.asarray(sound)
