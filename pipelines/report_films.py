@@ -22,10 +22,10 @@ from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.head.anny import anny_head
 from talkingeyes.orchestration.run import Workspace, parallel_map
 from talkingeyes.rendering.render import HeadRenderer
-from talkingeyes.rendering.video import write_video
+from talkingeyes.rendering.video import ReportSettings, write_video
 from talkingeyes.rendering.view import FRAMINGS
 
-FILM_S, FILM_PX = 3.0, 160
+FILM_PX = 160
 
 
 @dataclass(frozen=True)
@@ -41,15 +41,16 @@ def write_films(workspace: Workspace, rows: Sequence[str], clip: Clip, folder: P
     """Write <row>.mp4 of the first seconds of a clip for every row that has a motion for it."""
     folder.mkdir()
     paths = FilmInputPaths(workspace.corpus, workspace.data("fit"), workspace.data("sample"))
-    list(parallel_map(partial(write_film, paths, clip, folder), rows, workspace.jobs, "films"))
+    film_s = workspace.settings("report", ReportSettings).film_s
+    list(parallel_map(partial(write_film, paths, clip, folder, film_s), rows, workspace.jobs, "films"))
 
 
-def write_film(paths: FilmInputPaths, clip: Clip, folder: Path, row: str) -> None:
+def write_film(paths: FilmInputPaths, clip: Clip, folder: Path, film_s: float, row: str) -> None:
     """Write the film of one row; none if it has no motion for the clip."""
     motion = row_motion(paths, clip, row)
     if motion is None:
         return
-    short = motion.cut(0, round(FILM_S * motion.fps))
+    short = motion.cut(0, round(film_s * motion.fps))
     speech = Corpus(paths.corpus).speech(clip)[: round(short.seconds * SAMPLE_RATE)]
     renderer = HeadRenderer(anny_head(), FRAMINGS["head"].view(FILM_PX, FILM_PX))
     write_video(folder / f"{row}.mp4", renderer.draw(short), short.fps, speech)

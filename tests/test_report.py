@@ -100,8 +100,8 @@ def test_every_row_with_motion_has_a_film_of_the_same_sound(workspace, reported)
     for name, path in films.items():
         with av.open(str(path)) as film:
             frames[name] = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
-            assert film.streams.audio[0].duration * film.streams.audio[0].time_base == pytest.approx(3.0, abs=0.1)
-    assert {len(each) for each in frames.values()} == {75}
+            assert film.streams.audio[0].duration * film.streams.audio[0].time_base == pytest.approx(0.4, abs=0.1)
+    assert {len(each) for each in frames.values()} == {10}
     moved = {name: np.abs(np.diff(np.stack(each).astype(float), axis=0)).mean() for name, each in frames.items()}
     assert moved["truth"] > 5 * moved["mean"]
 

@@ -23,7 +23,7 @@ from talkingeyes.orchestration.config import compose, format_params
 from talkingeyes.orchestration.run import configure_environment
 
 # The stage `report` has no settings; these sections and scripts belong to no stage.
-WITHOUT_SETTINGS = {"information", "report"}
+WITHOUT_SETTINGS = {"information"}
 NO_STAGE = {
     "audio_motion_probes",
     "benchmark_corpus",

@@ -28,6 +28,7 @@ def toy_workspace(root: Path, jobs: int = 1) -> Workspace:
     """Six speakers with four sounds; sound 0 of a test or unseen speaker has three takes. Models: mean, random."""
     repository = Path(__file__).resolve().parents[1]
     sections = {stage: _section(repository, stage) for stage in ("critic", "evaluate")}
+    sections["report"] = {"film_s": 0.4}
     root.mkdir(parents=True, exist_ok=True)
     machine = {"jobs": jobs, "device": "cpu", "precision": "float32"}
     (root / "params.yaml").write_text(yaml.safe_dump({"corpus": "data/synthesize", "machine": machine, **sections}))

@@ -22,6 +22,7 @@ from talkingeyes.evaluation.model_selection.validation_metrics import SelectionM
 from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
 from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.models.baselines import BaselineSettings
+from talkingeyes.rendering.video import ReportSettings
 from talkingeyes.synthesis.plan import SynthesizeSettings
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.training.canonical_gaze import CanonicalModelSettings
@@ -90,6 +91,7 @@ class Config(Settings):
     validation: ValidateSettings = Field(alias="validate")  # `validate` is a method of pydantic models
     sample: SampleSettings
     evaluate: EvaluateSettings
+    report: ReportSettings
 
 
 def compose(overrides: Sequence[str] = ()) -> dict[str, Any]:

@@ -11,10 +11,18 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray
+from pydantic import Field
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.core.settings import Settings
 
 AAC_FRAME = 1024
+
+
+class ReportSettings(Settings):
+    """Settings of the films of the report."""
+
+    film_s: float = Field(gt=0, le=600)  # length; a film is not longer than its sound
 
 
 def write_video(
