@@ -1,7 +1,7 @@
 """Write the packaged corpus of the gaze benchmark, and the page with the packaged models on it.
 
 Run     python -m pipelines.benchmark_corpus        (four minutes)
-Reads   conf/experiment/benchmark_corpus.yaml; the packaged models
+Reads   conf/experiment/benchmark_corpus.yaml; the packaged models; data/critic of the default chain
 Writes  src/talkingeyes/corpus/assets/benchmark.zip; docs/benchmark_corpus.md and .json; works in build/benchmark_corpus
 
 Its sentences are of the part of the texts that the chain leaves for unseen speakers, and every sound has several takes.
@@ -18,16 +18,24 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import torch
+
 from pipelines.synthesize import sound_jobs, synthesize_sound
 from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL, PACKAGED_MODEL
+from talkingeyes.audio.encoder import EmbedSettings, make_encoder
 from talkingeyes.core.atomic_file import atomic_write
-from talkingeyes.corpus.packed import PACKAGED, pack_corpus, unpack_corpus
-from talkingeyes.corpus.store import Corpus
+from talkingeyes.corpus.packed import EVALUATORS, PACKAGED, pack_corpus, unpack_corpus
+from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.evaluation.benchmark.comparison import MetricResult
+from talkingeyes.evaluation.benchmark.corr import CRITICS
+from talkingeyes.evaluation.critic.contrastive_training import CriticSettings
+from talkingeyes.evaluation.distribution.encoder import CHECKPOINT_NAME
 from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Workspace, parallel_map, run_command
 from talkingeyes.synthesis.plan import SynthesizeSettings
+from talkingeyes.training.checkpoint import load, save
 from talkingeyes.workflows.animate import AnimationOptions
 from talkingeyes.workflows.animate_batch import animate_all
 from talkingeyes.workflows.evaluate import evaluate
@@ -66,9 +74,10 @@ def main() -> None:
         made = parallel_map(partial(synthesize_sound, folder, settings), jobs, workspace.jobs, "benchmark corpus")
         Corpus(folder).write_index([clip for takes in made for clip in takes])
         shutil.rmtree(folder / "rows")
+    evaluators = write_evaluators(workspace)
     PACKAGED.parent.mkdir(exist_ok=True)
     with atomic_write(PACKAGED) as path:
-        pack_corpus(Corpus(workspace.data("synthesize")), path)
+        pack_corpus(Corpus(workspace.data("synthesize")), evaluators, path)
     numbers = measure(workspace)
     with atomic_write(DOCS / "benchmark_corpus.json") as path:
         path.write_text(json.dumps(numbers, indent=1) + "\n")
@@ -77,16 +86,38 @@ def main() -> None:
     print(page(numbers))
 
 
+def write_evaluators(workspace: Workspace) -> Path:
+    """Write critics and encoder of the chain, and of the speech features those that the critics read."""
+    trained, folder = Workspace.open(Path.cwd()).data("critic"), workspace.root / "evaluators"
+    shutil.rmtree(folder, ignore_errors=True)
+    for name in (*CRITICS.values(), CHECKPOINT_NAME):
+        (folder / "critic" / name).mkdir(parents=True)
+        checkpoint = load(trained / name)
+        names = checkpoint.config.get("channels", ())  # none of the encoder
+        channels = {"speech_channels": torch.arange(len(names))} if names else {}
+        save(folder / "critic" / name, {**checkpoint.tensors, **channels}, checkpoint.config)
+    settings = workspace.settings("critic", CriticSettings)
+    corpus, encoder = Corpus(workspace.data("synthesize")), make_encoder(workspace.settings("embed", EmbedSettings))
+    columns = [encoder.channels.index(name) for name in settings.channels]
+    for clip in (each for each in corpus.clips if each.take == 0):
+        features = encoder(corpus.speech(clip), clip.fps)[:, columns]
+        np.save(make_shard_path(folder / "embed" / "speech", clip.sound, ".npy"), features, allow_pickle=False)
+    statement = {"fps": corpus.clips[0].fps, "channels": settings.channels}
+    (folder / "embed" / "embedding.json").write_text(json.dumps(statement))
+    return folder
+
+
 def measure(workspace: Workspace) -> dict[str, Any]:
     """Counts of the packed corpus, and the metrics of the packaged models and of random motion on it."""
     place = workspace.root / "unpacked"
     shutil.rmtree(place, ignore_errors=True)
     corpus = unpack_corpus(PACKAGED, place / "corpus")
+    evaluators = corpus.root / EVALUATORS
     sounds = sorted((corpus.root / "speech").rglob("*.flac"))
     rows: dict[str, dict[str, Any]] = {}
     for name, model in MODELS.items():
         animate_all(sounds, place / name, AnimationOptions(previews=False), model=model, jobs=workspace.jobs)
-        found = evaluate(place / name, corpus.root, jobs=workspace.jobs)
+        found = evaluate(place / name, corpus.root, evaluators=evaluators, jobs=workspace.jobs)
         rows[name] = _values(found.rows)
     rows[RANDOM] = _values(found.random)
     truth = {row.metric.name: row.reference.value for row in found.rows if row.reference}

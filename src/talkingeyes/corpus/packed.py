@@ -1,7 +1,7 @@
 """The packaged corpus of the gaze benchmark: a corpus with its true motion in one small file.
 
-A zip of the index, the annotations, the sounds (Opus), and head, gaze and lids of every clip, in steps of STEP.
-Observations and events are left out.
+A zip of the index, the annotations, the sounds (Opus), head, gaze and lids of every clip in steps of STEP, and the
+evaluators: frozen networks, and the speech features that they read. Observations and events are left out.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
 PACKAGED = Path(__file__).with_name("assets") / "benchmark.zip"
 STEP = 2.0**-17  # of radians and of lids: 0.0004 degrees; rounded numbers compress to half the size
 FIELDS = ("head", "gaze", "lid")
-CORPUS_FILES = re.compile(r"clips\.parquet|speech|partner|annotations|truth")
+EVALUATORS = "evaluators"
+CORPUS_FILES = re.compile(rf"clips\.parquet|speech|partner|annotations|truth|{EVALUATORS}")
 
 
-def pack_corpus(corpus: Corpus, path: Path) -> None:
-    """Write a corpus with truth as one file."""
+def pack_corpus(corpus: Corpus, evaluators: Path, path: Path) -> None:
+    """Write a corpus with truth as one file. `evaluators` has the folders `critic` and `embed` of a pipeline."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.write(corpus.root / "clips.parquet", "clips.parquet")
         for clip in _first_takes(corpus):
@@ -44,6 +45,8 @@ def pack_corpus(corpus: Corpus, path: Path) -> None:
             arrays = {name: (np.round(getattr(motion, name) / STEP) * STEP).astype(np.float32) for name in FIELDS}
             np.savez(content, fps=motion.fps, valid=motion.valid, **arrays)
             archive.writestr(f"truth/{clip.id}.npz", content.getvalue())
+        for each in sorted(path for path in evaluators.rglob("*") if path.is_file()):
+            archive.write(each, f"{EVALUATORS}/{each.relative_to(evaluators)}")
 
 
 def unpack_corpus(path: Path, folder: Path) -> Corpus:
@@ -63,6 +66,7 @@ def unpack_corpus(path: Path, folder: Path) -> Corpus:
             with np.load(io.BytesIO(archive.read(f"truth/{clip.id}.npz"))) as arrays:
                 motion = Motion.of(float(arrays["fps"]), **{name: arrays[name] for name in (*FIELDS, "valid")})
             motion.save(make_shard_path(partial / "truth", clip.id, ".npz"))
+        archive.extractall(partial, [name for name in names if name.startswith(f"{EVALUATORS}/")])
     return Corpus(target)
 
 

@@ -237,7 +237,7 @@ class Comparison:
             None,
         )
 
-    def _some(self, groups: Sequence[Float[ndarray, "W D"]]) -> WindowFeatures:
+    def _some(self, groups: Sequence[Float[ndarray, "_ D"]]) -> WindowFeatures:
         return sample_windows(groups, PAIRWISE_WINDOWS, self.settings.seed)
 
     @property
