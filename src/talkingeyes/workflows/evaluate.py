@@ -45,6 +45,7 @@ CLIPS_PER_TASK = 32
 CONFIDENCE_LEVEL = 0.95
 MAX_NOTES = 5
 SHUFFLED_SOUNDS = 2  # other sounds of the speaker for Corr.
+RANDOM_COLOUR = "#7570b3"
 MIN_SOUNDS = 10  # with fewer sounds, intervals are too narrow
 
 
@@ -381,4 +382,4 @@ def _write(found: BenchmarkResult, folder: Path) -> None:
     (folder / "benchmark.json").write_text(as_json(found.rows, metadata, found.random))
     (folder / "benchmark.csv").write_text(to_csv(found.rows, found.random))
     rows = {"motions": found.rows, **({"random": found.random} if found.random else {})}
-    plot_strips(rows, {}, folder / "strip.png")
+    plot_strips(rows, {"random": RANDOM_COLOUR}, folder / "strip.png")
