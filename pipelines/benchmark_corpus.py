@@ -53,9 +53,10 @@ the package, so anybody measures on the same sounds ([evaluate.md](evaluate.md))
 by them. Written by `python -m pipelines.benchmark_corpus`.
 
 Random motion is the true motion of another speaker under another sound. It moves as people do, and passes every metric
-that does not ask whether motion follows its sound or its speaker. The table has the metrics in which it is worse than
-the truth, beside the models of the package as `talkingeyes animate` writes them. Bold: worse than the truth by more
-than the 95 % interval. Of the {measured} metrics that all of them have, {counts}.
+that does not ask whether motion follows its sound or its speaker, but for a few by chance: the intervals have 95 %,
+and random motion is one draw. The table has the metrics in which it is worse than the truth, beside the models of the
+package as `talkingeyes animate` writes them. Bold: worse than the truth by more than the interval. Of the {measured}
+metrics that all of them have, {counts}.
 [benchmark_corpus.json](benchmark_corpus.json) has them all.
 
 """

@@ -76,13 +76,13 @@ def test_random_motion_fails_what_follows_the_sound(corpus: Corpus, tmp_path: Pa
     command += ["--evaluators", str(corpus.root / EVALUATORS), "--n-resamples", "200"]
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 0, done.output
-    assert "random is the true motion of other speakers under other sounds: it is worse in the " in done.output
+    assert "random is the true motion of other speakers under other sounds: it is worse in " in done.output
     entries = json.loads((tmp_path / "figures" / "benchmark.json").read_text())["metrics"]
     failed = {name for name, entry in entries.items() if entry["random_worse"]}
     assert {"speech_onset/drop", "turn_start/rise", "head/speech_speed_ratio", "blinks/at_phrase_ends"} <= failed
     assert {f"corr/{part}_minus_shuffled" for part in ("gaze", "gaze_in_space", "head")} <= failed
     assert not failed & {"saccades/rate", "eye/speed", "gaze_in_space/still_fraction", "partner_gaze/fraction"}
-    assert sum(bool(entries[name]["worse"]) for name in failed) <= 3
+    assert sum(bool(entries[name]["worse"]) for name in failed) <= 2
     with (tmp_path / "figures" / "benchmark.csv").open(newline="") as file:
         lines = {line["metric"]: line for line in csv.DictReader(file)}
     assert float(lines["eye/speed"]["random"]) == pytest.approx(entries["eye/speed"]["random"]["value"], rel=1e-5)

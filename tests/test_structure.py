@@ -22,7 +22,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose, format_params
 from talkingeyes.orchestration.run import configure_environment
 
-# The stage `report` has no settings; these sections and scripts belong to no stage.
+# The stage `information` has no settings; these sections and scripts belong to no stage.
 WITHOUT_SETTINGS = {"information"}
 NO_STAGE = {
     "audio_motion_probes",

@@ -361,8 +361,9 @@ def benchmark_text(found: BenchmarkResult) -> str:
     if failed:
         ours = sum(bool(row.worse) for row in found.rows if row.metric.name in failed)
         head += (
-            "\nrandom is the true motion of other speakers under other sounds: it is worse in the "
-            f"{len(failed)} metrics of what follows the sound or the speaker, and the motions in {ours} of these"
+            "\nrandom is the true motion of other speakers under other sounds: it is worse in "
+            f"{len(failed)} metrics (what follows the sound or the speaker; a few by chance), "
+            f"the motions in {ours} of these"
         )
     more = len(found.notes) - MAX_NOTES
     notes = [*found.notes[:MAX_NOTES], *([f"and {more} more notes"] if more > 0 else [])]

@@ -83,12 +83,12 @@ def as_text(rows: Sequence[MetricResult], random: Sequence[MetricResult] = ()) -
     """Table for a terminal: value and reference with intervals, and the value of the baseline `random` if given; `!`
     marks values worse than the reference."""
     baseline = {row.metric.name: row for row in random}
-    cells = [("", "metric", "value", "reference", *["random"][: len(random)], "unit", "")]
+    cells = [("", "metric", "value", "reference", *(["random"] if random else []), "unit", "")]
     for row in rows:
         other = baseline.get(row.metric.name)
-        beside = [("! " if other.worse else "") + f"{other.value.value:.3g}" if other and other.value else ""]
+        beside = ("! " if other.worse else "") + f"{other.value.value:.3g}" if other and other.value else ""
         marked = ("!" if row.worse else "", row.metric.name, format_estimate(row.value), format_estimate(row.reference))
-        cells.append((*marked, *beside[: len(random)], row.metric.unit, row.reason))
+        cells.append((*marked, *([beside] if random else []), row.metric.unit, row.reason))
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)][:-1]
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(line, [*widths, 0], strict=True)).rstrip() for line in cells
