@@ -19,6 +19,7 @@ from talkingeyes.evaluation.people.population import (
 from talkingeyes.physiology.blinks import PHYSIOLOGICAL
 from talkingeyes.physiology.gaze_population import (
     PERSON_PARAMETERS,
+    PLACE_SD_DEG,
     STATES,
     GazeHabits,
     GazePopulation,
@@ -65,6 +66,8 @@ class TestEstimates:
             shared, got_shared = POPULATION.states[state].shared, found.states[state].shared
             assert got_shared.log_s_sd_partner == pytest.approx(shared.log_s_sd_partner, rel=0.1)
             assert got_shared.log_s_sd_away == pytest.approx(shared.log_s_sd_away, rel=0.1)
+            assert got_shared.place_share > 0.7 * shared.place_share
+            assert abs(got_shared.step_flatness - shared.step_flatness) < 0.3
 
     def test_spread_over_people_excludes_the_error_of_each(self) -> None:
         rng = np.random.default_rng(0)
@@ -120,6 +123,15 @@ class TestPeople:
             places = np.array([how.place_deg(away, np.zeros(2), rng) for _ in range(200)])
             assert ((np.hypot(*places.T) > 4.0) == away).all()
 
+    def test_people_go_back_to_a_few_places(self) -> None:
+        for seed in range(5):
+            how = sample_habits(POPULATION, np.random.default_rng(seed)).states["listening"]
+            rng, known = np.random.default_rng([seed, 1]), {False: how.partner_places_deg, True: how.away_places_deg}
+            for away, share in ((False, 0.95), (True, how.shared.place_share - 0.15)):
+                places = np.array([how.place_deg(away, np.array([60.0, 0.0]), rng) for _ in range(200)])
+                nearest = np.hypot(*(places[:, None] - known[away]).transpose(2, 0, 1)).min(axis=1)
+                assert (nearest < 4 * PLACE_SD_DEG).mean() > share
+
 
 def take(annotation: Annotation, seed: int, coupling: float = 1.0) -> Take:
     """A take of a person of the population."""
@@ -159,6 +171,17 @@ class TestTakes:
         turns = Annotation(speaking=(Span(30.0, 50.0),), listening=(Span(-9.0, 29.5),))
         found = averted([take(turns, seed) for seed in range(50)], np.arange(0.0, 50.0, 0.1))
         assert found[290:310].mean() > found[50:250].mean() + 0.2
+
+    def test_gaze_goes_as_far_as_in_the_recordings(self) -> None:
+        ends = [
+            np.degrees(each.end_rad)
+            for seed in range(30)
+            for each in take(Annotation(speaking=(Span(0.0, SECONDS),)), seed).events.saccades
+        ]
+        low, high = np.array(POPULATION.range_deg)
+        far = np.abs(ends).max(axis=0)
+        assert far[0] > 27.5 and far[1] > 18.5, "farther than the literature's speakers"
+        assert (far <= np.maximum(-low, high) + 5.0).all(), "the partner is a few degrees off"
 
     def test_gaze_is_that_of_the_saccades(self) -> None:
         one = take(Annotation(speaking=(Span(0.0, SECONDS),)), 3)

@@ -38,6 +38,9 @@ PERSON_PARAMETERS = (
     "log_away_pitch_deg",
 )
 PARTNER_RADIUS_DEG = 4.0  # as in the measures of people (evaluation/people/fixations.py)
+# People go back to a few places. Number of a person's places at the partner and away, with frequencies as 1 over the
+# root of the rank, and the deviation of fixations at one: choices (docs/log/2026-11-26-places.md).
+PARTNER_PLACES, AWAY_PLACES, PLACE_SD_DEG = 3, 5, 0.5
 ATTEMPTS = 50  # to find a place within or outside this radius
 
 
@@ -55,12 +58,13 @@ class SharedParameters(Settings):
     # Standard deviation of log durations within a person.
     log_s_sd_partner: float = Field(gt=0)
     log_s_sd_away: float = Field(gt=0)
-    # Spread of fixations at the partner, each axis.
+    # Spread of the places at the partner around the most frequent one, each axis.
     partner_sd_deg: float = Field(gt=0)
-    # Share of looks away that are a step from the present place; the others go to one of the person's places away.
-    step_share: float = Field(ge=0, le=1)
+    # Share of looks away that go to one of the person's places away; the others are a step from the present place.
+    place_share: float = Field(ge=0, le=1)
     step_median_deg: float = Field(gt=0)
     step_log_sd: float = Field(gt=0)
+    step_flatness: float = Field(gt=0)  # vertical by horizontal size of steps
 
 
 class StatePopulation(Settings):
@@ -71,9 +75,13 @@ class StatePopulation(Settings):
 
 
 class GazePopulation(Settings):
-    """A population; `correlation` is that of the parameters over people, speaking then listening, in order."""
+    """A population; `correlation` is that of the parameters over people, speaking then listening, in order.
+
+    `range_deg`: least and largest yaw and pitch, 0.1 % and 99.9 % of what was recorded.
+    """
 
     source: str
+    range_deg: tuple[tuple[float, float], tuple[float, float]]
     states: dict[State, StatePopulation]
     correlation: tuple[tuple[float, ...], ...]
 
@@ -84,6 +92,8 @@ class FixationHabits:
 
     parameters: Mapping[str, float]
     shared: SharedParameters
+    partner_places_deg: Float[ndarray, "K 2"]
+    away_places_deg: Float[ndarray, "L 2"]
 
     def dwell_s(self, away: bool, rng: np.random.Generator) -> float:
         """Sample the duration of a fixation."""
@@ -114,15 +124,13 @@ class FixationHabits:
     def _candidate(
         self, away: bool, present_deg: Float[ndarray, " 2"], rng: np.random.Generator
     ) -> Float[ndarray, " 2"]:
-        if not away:
-            return rng.normal(0.0, self.shared.partner_sd_deg, 2)
-        if rng.random() < self.shared.step_share:
+        if away and rng.random() >= self.shared.place_share:
             size = self.shared.step_median_deg * np.exp(self.shared.step_log_sd * rng.standard_normal())
             angle = rng.uniform(0, 2 * np.pi)
-            return np.asarray(present_deg + size * np.array([np.cos(angle), np.sin(angle)]))
-        mean = [self.parameters["away_yaw_deg"], self.parameters["away_pitch_deg"]]
-        sd = np.exp([self.parameters["log_away_yaw_deg"], self.parameters["log_away_pitch_deg"]])
-        return rng.normal(mean, sd)
+            return np.asarray(present_deg + size * np.array([np.cos(angle), self.shared.step_flatness * np.sin(angle)]))
+        places = self.away_places_deg if away else self.partner_places_deg
+        frequency = np.arange(1, len(places) + 1) ** -0.5
+        return np.asarray(rng.normal(places[rng.choice(len(places), p=frequency / frequency.sum())], PLACE_SD_DEG))
 
     @property
     def partner_share(self) -> float:
@@ -138,24 +146,41 @@ class FixationHabits:
 
 @dataclass(frozen=True)
 class GazeHabits:
-    """How one person fixates, by state."""
+    """How one person fixates, by state, and the range of the population."""
 
     states: Mapping[State, FixationHabits]
+    range_deg: tuple[tuple[float, float], tuple[float, float]]
 
 
 def sample_habits(population: GazePopulation, rng: np.random.Generator) -> GazeHabits:
     """Sample a person of the population."""
     root = np.linalg.cholesky(np.array(population.correlation))
     numbers = (root @ rng.standard_normal(len(root))).reshape(len(STATES), -1)
+    face = rng.standard_normal((PARTNER_PLACES, 2))  # the same places in both states, the densest at the origin
+    face[0] = 0.0
     return GazeHabits(
-        {state: _habits(population.states[state], row) for state, row in zip(STATES, numbers, strict=True)}
+        {state: _habits(population.states[state], row, face, rng) for state, row in zip(STATES, numbers, strict=True)},
+        population.range_deg,
     )
 
 
-def _habits(population: StatePopulation, numbers: Float[ndarray, " K"]) -> FixationHabits:
+def _habits(
+    population: StatePopulation,
+    numbers: Float[ndarray, " P"],
+    face: Float[ndarray, "K 2"],
+    rng: np.random.Generator,
+) -> FixationHabits:
     people = [population.people[name] for name in PERSON_PARAMETERS]
     values = [each.mean + each.sd * number for each, number in zip(people, numbers, strict=True)]
-    return FixationHabits(dict(zip(PERSON_PARAMETERS, map(float, values), strict=True)), population.shared)
+    own = dict(zip(PERSON_PARAMETERS, map(float, values), strict=True))
+    mean, sd = (
+        [own["away_yaw_deg"], own["away_pitch_deg"]],
+        np.exp([own["log_away_yaw_deg"], own["log_away_pitch_deg"]]),
+    )
+    places = rng.normal(mean, sd, (ATTEMPTS, 2))
+    away = np.hypot(*places.T) > PARTNER_RADIUS_DEG
+    places = np.concatenate([places[away], places[~away]])[:AWAY_PLACES]
+    return FixationHabits(own, population.shared, population.shared.partner_sd_deg * face, places)
 
 
 def _logit(share: float) -> float:

@@ -85,7 +85,7 @@ class GazeBuilder:
         A large saccade undershoots and is followed by a corrective one.
         """
         onset_s = max(onset_s, self.earliest_onset_s)
-        target = np.clip(np.clip(target_rad, *SPACE_RANGE_RAD), *(self.head_at(onset_s + 0.2) + EYE_RANGE_RAD))
+        target = np.clip(np.clip(target_rad, *self._range_rad()), *(self.head_at(onset_s + 0.2) + EYE_RANGE_RAD))
         step = target - self.gaze_rad
         step *= min(1.0, MAX_SHIFT_RAD / max(float(np.hypot(*step)), 1e-9))
         aim = self.gaze_rad + step
@@ -101,6 +101,12 @@ class GazeBuilder:
         return np.asarray(
             [np.interp(time_s, self.head_s, angle) for angle in self.head_space_rad.T] + self.head_contribution_rad
         )
+
+    def _range_rad(self) -> Float[ndarray, "2 2"]:
+        """Least and largest direction of gaze in space: of a recorded population relative to the partner."""
+        if self.style.habits is None:
+            return SPACE_RANGE_RAD
+        return np.asarray(self.partner_rad + np.radians(self.style.habits.range_deg))
 
     def _saccade(self, onset_s: float, target_rad: Float[ndarray, " 2"]) -> None:
         self.saccades.append(saccades.sample_saccade(onset_s, self.gaze_rad, target_rad, self.rng))

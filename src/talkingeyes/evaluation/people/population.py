@@ -40,6 +40,7 @@ SIMULATED_PEOPLE, SIMULATED_S, CLIP_S = 96, 180.0, 60.0
 ROUNDS = 5
 SD_FACTORS = (0.67, 1.5)  # of the recorded ones: steps hide how much the places of people differ
 SACCADE_S = 0.04
+RETURN_PLACES, RETURN_DEG = 6, 2.0
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,16 @@ def estimate_population(people: Sequence[Person], source: str) -> GazePopulation
             parameters[name] = over_people([each for each in estimates if each is not None])
             columns.append([np.nan if each is None else each.value for each in estimates])
         states[state] = StatePopulation(people=parameters, shared=_shared(found))
-    return GazePopulation(source=source, states=states, correlation=_correlation(np.array(columns)))
+    return GazePopulation(
+        source=source, range_deg=_range_deg(people), states=states, correlation=_correlation(np.array(columns))
+    )
+
+
+def _range_deg(people: Sequence[Person]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Least and largest yaw and pitch of all fixations, without the outermost thousandths."""
+    places = np.concatenate([Fixations.of(each, state).place_deg for each in people for state in STATES])
+    low, high = np.quantile(places, [0.001, 0.999], axis=0)
+    return (round(float(low[0]), 1), round(float(low[1]), 1)), (round(float(high[0]), 1), round(float(high[1]), 1))
 
 
 def corrected_population(people: Sequence[Person], source: str, seed: int) -> GazePopulation:
@@ -153,14 +163,15 @@ def _shared(found: Sequence[Fixations]) -> SharedParameters:
         rows = [row for each in found if (row := _log_durations(each, away))]
         deviation[away] = float(np.exp(np.average(np.log([sd for _, sd, _ in rows]), weights=[n for _, _, n in rows])))
     near = np.concatenate([each.place_deg[~each.away] for each in found])
-    share, median, log_sd = _steps(found)
+    median, log_sd, flatness = _steps(found)
     return SharedParameters(
         log_s_sd_partner=deviation[False],
         log_s_sd_away=deviation[True],
         partner_sd_deg=float(np.sqrt((near**2).mean())),
-        step_share=share,
+        place_share=_return_share(found),
         step_median_deg=median,
         step_log_sd=log_sd,
+        step_flatness=flatness,
     )
 
 
@@ -175,8 +186,21 @@ def _log_durations(fixations: Fixations, away: bool) -> tuple[float, float, int]
     return float(mean), float(sd), int(ended.sum())
 
 
+def _return_share(found: Sequence[Fixations]) -> float:
+    """Share of looks away that end near one of the last places away before the present one."""
+    returns = []
+    for each in found:
+        chosen = each.ended & each.next_away
+        for index in np.flatnonzero(chosen):
+            before = np.flatnonzero(each.away[:index])[-RETURN_PLACES:]
+            if len(before):
+                distance = np.hypot(*(each.place_deg[before] - each.next_deg[index]).T)
+                returns.append(distance.min() < RETURN_DEG)
+    return float(np.mean(returns))
+
+
 def _steps(found: Sequence[Fixations]) -> tuple[float, float, float]:
-    """Share, median and log deviation of looks away that are steps from the present place (EM)."""
+    """Median, log deviation and flatness of looks away that are steps from the present place (EM)."""
     step, by_place = [], []
     for each in found:
         places = each.place_deg[each.away]
@@ -184,9 +208,10 @@ def _steps(found: Sequence[Fixations]) -> tuple[float, float, float]:
         if len(places) < MIN_EVENTS or not chosen.any():
             continue
         after = each.next_deg[chosen]
-        step.append(np.hypot(*(after - each.place_deg[chosen]).T))
+        step.append(after - each.place_deg[chosen])
         by_place.append(norm.pdf(after, places.mean(0), places.std(0, ddof=1)).prod(axis=1))
-    size, place_density = np.concatenate(step).clip(1e-3), np.concatenate(by_place)
+    steps, place_density = np.concatenate(step), np.concatenate(by_place)
+    size = np.hypot(*steps.T).clip(1e-3)
     share, mean, sd = 0.5, float(np.log(5.0)), 0.8
     for _ in range(EM_STEPS):
         step_density = norm.pdf(np.log(size), mean, sd) / (2 * np.pi * size**2)
@@ -194,7 +219,8 @@ def _steps(found: Sequence[Fixations]) -> tuple[float, float, float]:
         share = float(weight.mean())
         mean = float(weight @ np.log(size) / weight.sum())
         sd = float(np.sqrt(weight @ (np.log(size) - mean) ** 2 / weight.sum()))
-    return share, float(np.exp(mean)), sd
+    horizontal, vertical = np.sqrt(weight @ steps**2)
+    return float(np.exp(mean)), sd, float(vertical / horizontal)
 
 
 def _correlation(values: Float[ndarray, "K P"]) -> tuple[tuple[float, ...], ...]:
@@ -225,7 +251,7 @@ def _moved(population: GazePopulation, target: GazePopulation, seen: GazePopulat
             name: value * getattr(wanted.shared, name) / getattr(got.shared, name)
             for name, value in old.shared.model_dump().items()
         }
-        shared["step_share"] = min(shared["step_share"], 0.95)
+        shared["place_share"] = min(shared["place_share"], 0.95)
         states[state] = StatePopulation(people=people, shared=SharedParameters(**shared))
     return population.model_copy(update={"states": states})
 
@@ -259,7 +285,7 @@ def simulate_clip(habits: GazeHabits, state: int, seconds: float, rng: np.random
         end = time + how.dwell_s(away, rng)
         times += [end, end + SACCADE_S]
         away = how.looks_away_next(away, how.partner_share, rng)
-        places += [places[-1], how.place_deg(away, places[-1], rng)]
+        places += [places[-1], np.clip(how.place_deg(away, places[-1], rng), *np.array(habits.range_deg))]
         time = end + SACCADE_S
     grid = np.arange(int(seconds * CONVERSATION_RATE_HZ)) / CONVERSATION_RATE_HZ
     gaze = np.stack([np.interp(grid, times, np.array(places)[:, axis]) for axis in (0, 1)], axis=1)
