@@ -7,7 +7,7 @@ Reads: the corpus index and truth, data/fit, data/embed, data/critic, data/train
 Writes: data/validate/<model>/metrics.json {metric: value}: Corr. of the samples of each part, and of the fitted motion
 for comparison; distances of the distributions of eye speed and saccade amplitude from those of the truth (in a corpus
 without truth: of the fitted motion), and their mean, `dynamics_distance`; the same for eccentricity of gaze,
-`eccentricity_distance`; `metrics_worse`, the number of metrics of the gaze benchmark by which the samples are
+`eccentricity_distance`; `metrics_worse`, the number of learnt metrics of the gaze benchmark by which the samples are
 significantly worse than the truth, out of `metrics_comparable`; `tie` and `tie_fitted`, Corr. less that under other
 sounds of the speaker; ratios of speed to the truth's; `diversity`; of a network with a likelihood, that of fitted
 motion, `log_likelihood`, in nats per second. benchmark.json: the benchmark itself.
@@ -120,8 +120,8 @@ def run(workspace: Workspace, name: str) -> Report:
             ),
             **_named(dynamics_distances([clip.sampled for clip in found], [clip.truth for clip in found])),
             **mean_log_likelihood([clip.log_likelihood for clip in found], [clip.seconds for clip in found]),
-            "metrics_worse": float(table.worse),
-            "metrics_comparable": float(table.comparable),
+            "metrics_worse": float(table.learnt.worse),
+            "metrics_comparable": float(table.learnt.compared),
         }
         (folder / "metrics.json").write_text(json.dumps(figures, indent=1))
         (folder / "benchmark.json").write_text(table.json())

@@ -16,6 +16,7 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.evaluation.benchmark.corr import CRITICS, corr_scores
 from talkingeyes.evaluation.benchmark.document import VERSION
+from talkingeyes.evaluation.benchmark.metric_class import LEARNT, class_of
 from talkingeyes.evaluation.benchmark.paired import (
     PairedAccumulator,
     motion_behaviours,
@@ -68,14 +69,15 @@ def benchmark(jump_rad):
 
 def test_motion_without_saccades_counts_missing_metrics_as_worse():
     alike, frozen = benchmark(0.15), benchmark(0.0)
-    assert alike.missing == 0
-    assert alike.worse < 0.3 * alike.comparable
-    assert frozen.worse > alike.worse
-    assert frozen.missing > 0
+    assert not alike.missing
+    assert alike.learnt.worse < 0.3 * alike.learnt.compared
+    assert frozen.learnt.worse > alike.learnt.worse
+    missing = sum(class_of(metric.name) == LEARNT for metric in frozen.missing)
+    assert 0 < missing < len(frozen.missing)
     assert any(row.metric.name.startswith("saccades/") for row in frozen.rows if row.worse is None)
-    compared_alone = sum(row.worse is not None for row in frozen.rows)
-    assert frozen.comparable == compared_alone + frozen.missing
-    assert frozen.worse == sum(row.worse is True for row in frozen.rows) + frozen.missing
+    learnt = [row.worse for row in frozen.rows if class_of(row.metric.name) == LEARNT]
+    assert frozen.learnt.compared == sum(worse is not None for worse in learnt) + missing
+    assert frozen.learnt.worse == sum(worse is True for worse in learnt) + missing
     assert json.loads(frozen.json())["sounds"] == SOUNDS
     assert json.loads(PairedAccumulator().table(BOOTSTRAP).json()) == {
         "schema": "talkingeyes.benchmark/3",
@@ -110,8 +112,12 @@ def test_sweep_metrics_exist_for_any_number_of_processes(workspace):
     assert not likelihoods & set(figures), "a baseline has no likelihood"
     assert 0 < figures["metrics_worse"] <= figures["metrics_comparable"]
     assert table["sounds"] == 8
-    told = [one["worse"] for one in table["metrics"].values()]
-    assert sum(map(bool, told)) <= figures["metrics_worse"]
+    found = [one["worse"] for name, one in table["metrics"].items() if class_of(name) == LEARNT]
+    assert (
+        sum(map(bool, found))
+        <= figures["metrics_worse"]
+        < sum(one["worse"] is not None for one in table["metrics"].values())
+    )
     assert table["metrics"]["eye/speed"]["value"] is not None
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from talkingeyes.evaluation.benchmark.comparison import MetricResult
+from talkingeyes.evaluation.benchmark.metric import Metric
 
 MetricClass = Literal["learnt", "corrected", "rule", "construction"]
 LEARNT: Final = "learnt"
@@ -112,7 +113,8 @@ class LearntCount:
     compared: int
 
 
-def count_learnt(rows: Sequence[MetricResult]) -> LearntCount:
-    """Count the learnt metrics of a table."""
+def count_learnt(rows: Sequence[MetricResult], missing: Sequence[Metric] = ()) -> LearntCount:
+    """Count the learnt metrics of a table; those that are missing in the motions alone count as worse."""
     known = [row.worse for row in rows if row.worse is not None and class_of(row.metric.name) == LEARNT]
-    return LearntCount(sum(known), len(known))
+    also = sum(class_of(metric.name) == LEARNT for metric in missing)
+    return LearntCount(sum(known) + also, len(known) + also)

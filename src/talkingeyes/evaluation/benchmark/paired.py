@@ -19,6 +19,8 @@ from talkingeyes.evaluation.benchmark.behaviour import FIELDS, Behaviour, behavi
 from talkingeyes.evaluation.benchmark.comparison import Accumulator, Comparison, MetricResult, extract
 from talkingeyes.evaluation.benchmark.corr import CorrScorer, CorrScores, with_corr, with_corr_scores
 from talkingeyes.evaluation.benchmark.features import Encoder, add_features, gather_features
+from talkingeyes.evaluation.benchmark.metric import Metric
+from talkingeyes.evaluation.benchmark.metric_class import LearntCount, count_learnt
 from talkingeyes.evaluation.benchmark.table import as_json
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 
@@ -93,18 +95,13 @@ class BenchmarkTable:
     """The benchmark over all sounds: a row for each metric, and the number of sounds and frame rate as metadata."""
 
     rows: list[MetricResult]
-    missing: int  # metrics with enough events in the truth and too few in the motions; they count as worse
+    missing: list[Metric]  # with enough events in the truth and too few in the motions; they count as worse
     metadata: dict[str, int | float]
 
     @property
-    def worse(self) -> int:
-        """Number of metrics by which the motions are worse than the truth by more than the interval."""
-        return sum(bool(row.worse) for row in self.rows) + self.missing
-
-    @property
-    def comparable(self) -> int:
-        """Number of metrics that were compared."""
-        return sum(row.worse is not None for row in self.rows) + self.missing
+    def learnt(self) -> LearntCount:
+        """Learnt metrics by which the motions are worse than the truth by more than the interval."""
+        return count_learnt(self.rows, self.missing)
 
     def json(self) -> str:
         """Contents of benchmark.json."""
@@ -126,9 +123,7 @@ class PairedAccumulator:
     def table(self, settings: BootstrapSettings) -> BenchmarkTable:
         """Table over all sounds; without sounds it has no rows."""
         if self._tallies is None:
-            return BenchmarkTable([], 0, {"sounds": 0})
+            return BenchmarkTable([], [], {"sounds": 0})
         ours, theirs = self._tallies
         comparison = Comparison(ours, theirs, settings, paired=True)
-        return BenchmarkTable(
-            list(comparison.rows()), len(comparison.missing()), {"sounds": ours.clips, "fps": ours.fps}
-        )
+        return BenchmarkTable(list(comparison.rows()), comparison.missing(), {"sounds": ours.clips, "fps": ours.fps})
