@@ -7,24 +7,27 @@ import pytest
 
 from pipelines import reference_ranges_model
 from talkingeyes.evaluation.reference_ranges.clip_data import measurement, no_measurement
+from talkingeyes.evaluation.reference_ranges.range_class import RANGE_CLASSES
 from talkingeyes.evaluation.reference_ranges.ranges import REFERENCE_RANGES
 
 
 def test_model_is_compared_with_ranges_and_truth(tiny, monkeypatch, capsys):
     monkeypatch.chdir(tiny)
-    monkeypatch.setattr("sys.argv", ["reference_ranges_model", "vae"])
+    monkeypatch.setattr(reference_ranges_model, "SAMPLES", 2)
+    monkeypatch.setattr(reference_ranges_model, "MAIN_SEQUENCE_FPS", 250.0)
+    monkeypatch.setattr("sys.argv", ["reference_ranges_model", "vae", "--split", "test"])
     reference_ranges_model.main()
     said = capsys.readouterr().out.removesuffix("\n")
-    page = (tiny / "build/reference_ranges/vae.md").read_text()
+    page = (tiny / "build/reference_ranges/vae-test.md").read_text()
     assert page.partition("## ")[0] == said.partition("## ")[0]
     outside = [line for line in said.splitlines() if "**outside**" in line]
     assert outside == [line for line in page.splitlines() if "**outside**" in line] != []
-    rows = {row.split(" | ")[0].removeprefix("| "): row.split(" | ")[2:] for row in said.splitlines() if " | " in row}
-    everything = (tiny / "build/reference_ranges/vae.csv").read_text()
+    rows = {row.split(" | ")[0].removeprefix("| "): row.split(" | ")[3:] for row in said.splitlines() if " | " in row}
+    everything = (tiny / "build/reference_ranges/vae-test.csv").read_text()
     lines = [line for line in said.partition("## Statistics")[2].splitlines() if line.startswith("|")]
     assert len(list(csv.reader(everything.splitlines()))) == len(lines) - 1  # the rule under the headings
-    slow, _, _, truth = rows["mean speed of eye-in-head, 25 fps, deg/s"]
-    assert slow.split()[0] != truth.split()[0], "an untrained model is not the truth"
+    values = dict(zip(reference_ranges_model.COLUMNS, rows["mean speed of eye-in-head, 25 fps, deg/s"], strict=True))
+    assert len({values[each].split()[0] for each in ("25 fps", "Random", "Untrained", "truth, 25 fps")}) == 4
     # The same motion at two rates: the head is as wide.
     wide = rows["head within a clip: yaw SD, deg"]
     assert float(wide[0].split()[0]) == pytest.approx(float(wide[1].split()[0]), rel=0.05)
@@ -47,3 +50,8 @@ def test_value_outside_its_range_is_marked():
     assert reference_ranges_model.cell(fact, no_measurement("too few")) == "- (too few)"
     found = {"rate": measurement(3.5, 40, "saccades"), "below_5": measurement(0.5, 40, "saccades")}
     assert reference_ranges_model.counts(found) == "1 within, 1 outside"
+    assert reference_ranges_model.counts(found, learnt=True) == "0 within, 1 outside", "below_5 is corrected"
+
+
+def test_every_range_with_a_class_exists():
+    assert {name for names in RANGE_CLASSES.values() for name in names} <= {each.name for each in REFERENCE_RANGES}

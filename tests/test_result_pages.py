@@ -122,13 +122,16 @@ def test_pages_of_reference_ranges() -> None:
 def test_page_of_the_reference_ranges_of_the_model() -> None:
     text, table = page("reference_ranges_model"), data_tables("reference_ranges_model")["Statistics"]
     assert text.startswith(reference_ranges_model.INTRODUCTION.partition("{words}")[0])
-    outside = [row for row in table.rows if any(cell.endswith("outside") for cell in row)]
+    of_model = [table.columns.index(name) for name in ("25 fps", "120 fps", "25 fps, as sampled")]
+    outside = [row for row in table.rows if any(row[index].endswith("outside") for index in of_model)]
     shown = read_tables(text)["Outside the range"]
     assert [[cell.replace("**", "") for cell in row] for row in shown.rows] == [list(row) for row in outside]
-    for line, column in (("at 25 fps", 2), ("at 120 fps", 3), ("as sampled, 25 fps", 4)):
-        count = sum(row[column].endswith("outside") for row in table.rows)
-        assert f"| {line} | " in text
-        assert text.partition(f"| {line} | ")[2].partition(" |")[0].endswith(f", {count} outside")
+    made = table.columns.index("made")
+    for name in reference_ranges_model.COLUMNS:
+        outside = [row for row in table.rows if row[table.columns.index(name)].endswith("outside")]
+        learnt, everything = re.search(rf"^\| {name} \| (.+) \| (.+) \|$", text, re.MULTILINE).groups()
+        assert everything.endswith(f", {len(outside)} outside")
+        assert learnt.endswith(f", {sum(row[made] == 'learnt' for row in outside)} outside")
 
 
 def test_page_of_sensitivity() -> None:
