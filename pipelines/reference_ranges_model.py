@@ -75,7 +75,7 @@ the small amount of motion. The main sequence is measured at 500 fps.
 
 "Made" is what makes the value in the first two columns: `learnt`; `corrected`: learnt, then changed by a factor or
 filter; `rule`: a rule with published rates; `construction`: any weights give it. Only what is learnt says how good the
-model is. A range tests single statistics: Random, which is real motion under another sound, is expected within.
+model is. A range tests a single statistic: Random, which is real motion under another sound, is within most of them.
 
 """
 OUTSIDE = """## Outside the range
@@ -95,10 +95,8 @@ def main() -> None:
     corpus_inputs = source_of(workspace, workspace.corpus)
     if not corpus_inputs.corpus.has_truth:
         raise InputError(f"{workspace.corpus}: should be a corpus with true motion, got one without")
-    model, baselines = (
-        workspace.data("train", asked.model),
-        {k: workspace.data("train", v) for k, v in BASELINES.items()},
-    )
+    model = workspace.data("train", asked.model)
+    baselines = {title: workspace.data("train", name) for title, name in BASELINES.items()}
     for path in (model, *baselines.values()):
         Animator.load(path)
     clips = corpus_inputs.corpus.select(*SPLITS[asked.split], take=0)
