@@ -53,6 +53,18 @@ def test_drift_before_a_saccade_does_not_make_it_early() -> None:
     assert found.onset_s == pytest.approx(jump.onset_s, abs=0.012)
 
 
+def test_a_saccade_that_turns_back_is_two() -> None:
+    """As one, its amplitude would be the small difference, and no limit of amplitudes would see the large one."""
+    yaw = np.radians([20.0, 20.0, 2.0, -12.0, -13.0, -4.0, -4.0])
+    gaze = np.stack([yaw, np.zeros(7)], axis=-1)
+    (net,) = find_saccades(gaze, 25.0)
+    there, back = find_saccades(gaze, 25.0, split_turns=True)
+    assert net.start_rad[0] - net.end_rad[0] == pytest.approx(np.radians(24.0))
+    assert there.start_rad[0] - there.end_rad[0] == pytest.approx(np.radians(33.0))
+    assert back.end_rad[0] - back.start_rad[0] == pytest.approx(np.radians(9.0))
+    assert back.onset_s >= 4 / 25.0
+
+
 def test_still_gaze_has_no_saccade() -> None:
     assert find_saccades(np.zeros((100, 2)), 25.0) == ()
 

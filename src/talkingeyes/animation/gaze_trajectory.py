@@ -36,8 +36,9 @@ class GazeTrajectory:
     def from_frames(
         cls, fps: float, head: Float[ndarray, "T 3"], gaze_in_space_rad: Float[ndarray, "T 2 2"]
     ) -> GazeTrajectory:
-        """The trajectory of these frames; saccades are detected in the mean of both eyes."""
-        return cls(fps, head, gaze_in_space_rad, find_saccades(gaze_in_space_rad.mean(axis=1), fps))
+        """The trajectory of these frames; saccades are detected in the mean of both eyes, which has no blinks."""
+        found = find_saccades(gaze_in_space_rad.mean(axis=1), fps, split_turns=True)
+        return cls(fps, head, gaze_in_space_rad, found)
 
     @property
     def times_s(self) -> Float[ndarray, " T"]:

@@ -21,11 +21,18 @@ STEP_RAD = np.radians(1.0)
 EDGE_RAD = np.radians(0.2)
 
 
-def find_saccades(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float) -> tuple[Saccade, ...]:
-    """Find saccades of gaze in space (yaw, pitch; mean of both eyes): runs of steps, with summed amplitude."""
+def find_saccades(
+    gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, split_turns: bool = False
+) -> tuple[Saccade, ...]:
+    """Find saccades of gaze in space (yaw, pitch; mean of both eyes): runs of steps, with summed amplitude.
+
+    The eye rotation of a blink turns back and sums to nothing, so it is no saccade. Gaze without blinks may be split
+    where it turns back: one saccade directly after another is then two.
+    """
     found = []
-    steps = np.linalg.norm(np.diff(gaze_in_space_rad, axis=0), axis=1)
-    for first, last in _runs(steps >= EDGE_RAD):
+    step_rad = np.diff(gaze_in_space_rad, axis=0)
+    steps = np.linalg.norm(step_rad, axis=1)
+    for first, last in _runs(steps >= EDGE_RAD, split_turns & ((step_rad[:-1] * step_rad[1:]).sum(axis=1) < 0)):
         start, end = gaze_in_space_rad[first], gaze_in_space_rad[last + 1]
         amplitude = float(np.linalg.norm(end - start))
         if amplitude < STEP_RAD or steps[first : last + 1].max() < STEP_RAD:
@@ -58,7 +65,10 @@ def _onset_s(points: Float[ndarray, "K 2"], duration_s: float, skew: float, firs
     return max(first_s, first_s + (inside + 1) / fps - duration_s * float(betaincinv(a, b, shares[inside])))
 
 
-def _runs(mask: Bool[ndarray, " T"]) -> list[tuple[int, int]]:
-    """First and last index of each run of True."""
-    edges = np.diff(np.concatenate([[0], mask.astype(int), [0]]))
-    return list(zip(np.flatnonzero(edges == 1).tolist(), (np.flatnonzero(edges == -1) - 1).tolist(), strict=True))
+def _runs(mask: Bool[ndarray, " T"], split: Bool[ndarray, " T-1"]) -> list[tuple[int, int]]:
+    """First and last index of each run of True; runs are split between the steps of `split`."""
+    starts = mask.copy()
+    starts[1:] &= ~mask[:-1] | split
+    ends = mask.copy()
+    ends[:-1] &= ~mask[1:] | split
+    return list(zip(np.flatnonzero(starts).tolist(), np.flatnonzero(ends).tolist(), strict=True))
