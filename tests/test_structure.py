@@ -1,6 +1,7 @@
 """Consistency of the repository: conf/, params.yaml, dvc.yaml, pipelines/ and data/; Makefile, CI and README."""
 
 import ast
+import importlib
 import os
 import re
 import runpy
@@ -20,7 +21,7 @@ from pipelines.experiment import stage_order
 from talkingeyes.animation.pipeline import CAUSAL_STEPS, STEPS
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose, format_params
-from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.orchestration.run import configure_environment, required_arguments
 
 # The stage `information` has no settings; these sections and scripts belong to no stage.
 WITHOUT_SETTINGS = {"information"}
@@ -109,6 +110,12 @@ def test_a_stage_has_one_name_at_every_layer(repository, stages, params):
         for out in [*own.get("outs", []), *own.get("metrics", []), *own.get("plots", [])]:
             path = out if isinstance(out, str) else next(iter(out))
             assert Path(path).parts[:2] == ("data", name)
+
+
+def test_the_command_of_a_stage_takes_the_arguments_that_it_gets(stages):
+    for name, stage in stages.items():
+        _, _, module, *given = definition(stage)["cmd"].split()
+        assert len(given) == len(required_arguments(importlib.import_module(module).run)), name
 
 
 def test_every_stage_and_room_is_in_the_glossary_and_every_path_of_the_architecture_exists(repository, stages, imports):

@@ -219,7 +219,7 @@ def run_command(command: Callable[[], None]) -> NoReturn:
 
 def main(run: Stage) -> NoReturn:
     """Command of a stage in the current folder; a stage over named items takes the name as its only argument."""
-    expected = list(inspect.signature(run).parameters)[1:]
+    expected = required_arguments(run)
     given = sys.argv[1:]
     stage = Path(inspect.getfile(run)).stem
     if run.__module__ == "__main__":  # worker processes import the functions of the script by name
@@ -233,6 +233,12 @@ def main(run: Stage) -> NoReturn:
         run_stage(stage, run, Workspace.open(Path.cwd()), *given)
 
     run_command(command)
+
+
+def required_arguments(run: Stage) -> list[str]:
+    """Arguments of the command of a stage: those that `run` takes after the workspace and that have no default."""
+    parameters = list(inspect.signature(run).parameters.values())[1:]
+    return [each.name for each in parameters if each.default is inspect.Parameter.empty]
 
 
 def run_stage(stage: str, run: Stage, workspace: Workspace, *names: str) -> Report:
