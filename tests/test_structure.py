@@ -47,6 +47,7 @@ NO_STAGE = {
     "population",
     "posegan_table",
     "pruned_sweep",
+    "real_motion",
     "real_videos",
     "reference_ranges",
     "reference_ranges_model",
