@@ -1,0 +1,90 @@
+"""The causal VAE of the head: streams, and the prior of its codes."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+from torch.distributions import Normal, kl_divergence
+
+from talkingeyes.models.head.causal_vae import CausalVAEHead, CausalVAEHeadSettings
+from talkingeyes.models.layers.conditional_vae import DiagonalGaussian
+
+SPEECH, FRAMES = 5, 90
+SETTINGS = {
+    "kind": "causal_vae", "width": 8, "layers": 2, "dropout": 0.0, "latent": 3, "latent_frames": 6,
+    "kl": {"annealing": None, "free_bits": 0.0},
+}  # fmt: skip
+
+
+def head(prior: str) -> CausalVAEHead:
+    torch.manual_seed(0)
+    made = CausalVAEHead(CausalVAEHeadSettings.model_validate(SETTINGS | {"prior": prior}), SPEECH).eval()
+    if made.prior:
+        torch.nn.init.normal_(made.prior.moments.weight)
+    return made
+
+
+def speech(seed: int = 0) -> Tensor:
+    return torch.randn(2, FRAMES, SPEECH, generator=torch.Generator().manual_seed(seed))
+
+
+@pytest.mark.parametrize("prior", ["standard", "conditional"])
+@torch.no_grad()
+def test_a_stream_is_the_sample_of_the_whole(prior: str) -> None:
+    model, heard = head(prior), speech()
+    stream = model.stream(3)
+    parts = torch.cat([stream.step(each) for each in heard[:1].split([1, 4, 25, 60], dim=1)], dim=1)
+    torch.testing.assert_close(parts, model.sample(heard, [3, 4])[:1], atol=1e-5, rtol=1e-5)
+
+
+@torch.no_grad()
+def test_the_conditional_prior_follows_speech_up_to_the_first_frame_that_needs_the_code() -> None:
+    model, heard = head("conditional"), speech()
+    assert model.prior
+    codes = torch.randn(2, FRAMES // 6, 3)
+    before = model.prior(codes, heard).mean
+    for index in (1, 2, 7):
+        changed = heard.clone()
+        changed[:, model.prior.last_frame(index) + 1 :] += 1.0
+        after = model.prior(codes, changed).mean
+        torch.testing.assert_close(after[:, : index + 1], before[:, : index + 1])
+        assert (after[:, index + 1 :] - before[:, index + 1 :]).abs().max() > 0.01
+        # No frame before that one depends on the code.
+        moved = codes.clone()
+        moved[:, index:] += 1.0
+        spread = (model.vae_head.vae._interpolate_latents(each, FRAMES) for each in (codes, moved))
+        first = next(spread), next(spread)
+        needed = (first[0] != first[1]).any(dim=(0, 2)).nonzero().min()
+        assert needed >= model.prior.last_frame(index)
+
+
+@torch.no_grad()
+def test_divergence_from_another_normal_distribution() -> None:
+    moments = [torch.randn(2, 4, 3) for _ in range(4)]
+    posterior, prior = DiagonalGaussian(*moments[:2]), DiagonalGaussian(*moments[2:])
+    expected = kl_divergence(*(Normal(each.mean, (0.5 * each.log_variance).exp()) for each in (posterior, prior)))
+    torch.testing.assert_close(posterior.divergence_per_dim(prior), expected)
+    standard = DiagonalGaussian(torch.zeros(2, 4, 3), torch.zeros(2, 4, 3))
+    torch.testing.assert_close(posterior.divergence_per_dim(standard), posterior.divergence_per_dim())
+
+
+def test_the_conditional_prior_learns_what_speech_tells_about_the_codes() -> None:
+    """A head that nods as speech does: with the prior given speech, sampled motion follows it."""
+    torch.manual_seed(1)
+    model = head("conditional").train()
+    heard = torch.randn(16, FRAMES, SPEECH).cumsum(1) / 5
+    motion = torch.cat([heard[..., :1].roll(6, 1), torch.zeros(16, FRAMES, 2)], dim=-1)
+    optimiser = torch.optim.Adam(model.parameters(), 1e-2)
+    divergence = []
+    for _ in range(150):
+        terms = model.predict(heard, motion).loss_terms
+        loss = terms["head_reconstruction"] + 0.05 * terms["head_kl"]
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        divergence.append(terms["head_kl"].item())
+    with torch.no_grad():
+        sampled = model.eval().sample(heard, list(range(16)))
+    related = torch.corrcoef(torch.stack([sampled[:, 12:, 0].flatten(), motion[:, 12:, 0].flatten()]))[0, 1]
+    assert related > 0.7
