@@ -11,7 +11,7 @@ measures of the eyes have in brackets also the least distance over gains of GAIN
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from pipelines.real_videos import FOLDER
+from pipelines.real_videos import FOLDER, correlation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.kinematics import head_speed_deg_s
 from talkingeyes.core.motion import Motion
@@ -30,6 +30,8 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour, behaviour
+from talkingeyes.evaluation.bootstrap import BootstrapSettings, percentile_interval, resample_indices
+from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
 from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.evaluation.people.distance import PeopleValues
 from talkingeyes.fitting.clip import FitSettings, fit_clip
@@ -38,7 +40,6 @@ from talkingeyes.orchestration.run import Workspace, parallel_map, run_command
 
 WINDOW_S, STEP_S = 4.0, 0.2
 GAINS = np.linspace(0.6, 1.4, 17)
-RESAMPLES, SEED = 1000, 0
 ROWS = {"default": "talkingeyes_events", "live": "talkingeyes_live", "random": "random", "untrained": "untrained"}
 
 
@@ -51,17 +52,13 @@ class ClipMeasure:
     of_eyes: bool = False
 
 
-def _sd_deg(angles_rad: Float[ndarray, " T"]) -> float:
-    return float(np.degrees(angles_rad.std()))
-
-
 def _head_sd(axis: int, motion: Behaviour) -> float:
     assert motion.head is not None
-    return _sd_deg(motion.head[motion.valid, axis])
+    return float(np.degrees(motion.head[motion.valid, axis].std()))
 
 
 def _eye_sd(axis: int, motion: Behaviour) -> float:
-    return _sd_deg(motion.eye_rad[motion.valid, :, axis].mean(axis=1))
+    return float(np.degrees(motion.eye_rad[motion.valid, :, axis].mean(axis=1).std()))
 
 
 def _head_speed(quantile: float, motion: Behaviour) -> float:
@@ -73,8 +70,7 @@ def _head_speed(quantile: float, motion: Behaviour) -> float:
 
 
 def _eye_head_correlation(motion: Behaviour) -> float:
-    eye, head = motion.eye_rad[motion.valid, :, 0].mean(axis=1), motion.head_rad[motion.valid, 0]
-    return float(np.corrcoef(eye, head)[0, 1]) if min(eye.std(), head.std()) > 0 else np.nan
+    return correlation(motion.eye_rad[motion.valid, :, 0].mean(axis=1), motion.head_rad[motion.valid, 0])
 
 
 def _blinks_per_minute(motion: Behaviour) -> float:
@@ -95,7 +91,7 @@ MEASURES = (
 
 
 def measure_clip(motion: Behaviour) -> list[float]:
-    """All measures: each the mean over the windows of a clip, which are at least WINDOW_S long."""
+    """All measures: each the mean over the windows of a clip, of at least WINDOW_S unless the clip is shorter."""
     count = max(1, int(len(motion) / motion.fps / WINDOW_S))
     edges = np.linspace(0, len(motion), count + 1).astype(int)
     rows = [
@@ -149,19 +145,16 @@ def distances(real: Float[ndarray, "M C"], row: Float[ndarray, "M N"]) -> Float[
     return np.array(found)
 
 
-def mean_interval(real: Float[ndarray, "M C"], row: Float[ndarray, "M N"]) -> tuple[float, float, float]:
-    """Mean distance over the measures that a row has, and its 95 % interval over clips of both."""
-    rng = np.random.default_rng(SEED)
-    count, total = real.shape[1], row.shape[1]
-    draws = [
-        np.nanmean(distances(real[:, rng.integers(count, size=count)], row[:, rng.integers(total, size=total)])[:, 0])
-        for _ in range(RESAMPLES)
-    ]
-    low, high = np.quantile(draws, [0.025, 0.975])
-    return float(np.nanmean(distances(real, row)[:, 0])), float(low), float(high)
+def mean_distance(
+    real: Float[ndarray, "M C"], row: Float[ndarray, "M N"], settings: BootstrapSettings
+) -> tuple[float, float, float]:
+    """Mean distance over the measures that a row has, and its interval over clips of both."""
+    resampled = zip(*(resample_indices(each.shape[1], settings) for each in (real, row)), strict=True)
+    draws = np.array([np.nanmean(distances(real[:, some], row[:, others])[:, 0]) for some, others in resampled])
+    return float(np.nanmean(distances(real, row)[:, 0])), *percentile_interval(draws, settings)
 
 
-def table(real: Float[ndarray, "M C"], rows: dict[str, Float[ndarray, "M N"]]) -> str:
+def table(real: Float[ndarray, "M C"], rows: Mapping[str, Float[ndarray, "M N"]], settings: BootstrapSettings) -> str:
     """The table in Markdown."""
     people = PeopleValues(real)
     found = {name: (PeopleValues(row).medians, distances(real, row)) for name, row in rows.items()}
@@ -174,7 +167,7 @@ def table(real: Float[ndarray, "M C"], rows: dict[str, Float[ndarray, "M N"]]) -
         low, high = people.ranges[index]
         recorded = f"{people.medians[index]:.2f} ({low:.2f} to {high:.2f})"
         lines.append([measure.title, recorded, f"{people.between_people[index]:.2f}", *cells])
-    means = [mean_interval(real, row) for row in rows.values()]
+    means = [mean_distance(real, row, settings) for row in rows.values()]
     lines.append(["mean distance", "", "", *(f"{value:.2f} ({low:.2f} to {high:.2f})" for value, low, high in means)])
     return markdown_table(["measure", "real clips (range)", "apart", *rows], lines)
 
@@ -195,7 +188,8 @@ def main() -> None:
     spoken = [clip for clip in corpus.clips if corpus.annotation(clip).speaking]
     real = np.array(list(parallel_map(partial(_measure_real, corpus, settings), spoken, 1, "fit"))).T
     rows = {name: np.array(values).T for name, values in measure_rows(workspace)}
-    print(table(real[:, np.isfinite(real).any(axis=0)], rows))
+    bootstrap = workspace.settings("evaluate", EvaluateSettings).bootstrap
+    print(table(real[:, np.isfinite(real).any(axis=0)], rows, bootstrap))
 
 
 if __name__ == "__main__":

@@ -90,8 +90,8 @@ def measure_fit(corpus: Corpus, settings: FitSettings, rates: Mapping[str, float
         residual_px=float(np.nanmedian(fit.pose.residual_px)),
         head_yaw=float(np.degrees(np.median(head_rad))),
         gaze_range=float(np.degrees(np.ptp(np.percentile(eyes_rad.mean(axis=1), [5, 95])))),
-        eye_correlation=_correlation(eyes_rad[:, 0], eyes_rad[:, 1]),
-        eye_head_correlation=_correlation(eyes_rad.mean(axis=1), head_rad),
+        eye_correlation=correlation(eyes_rad[:, 0], eyes_rad[:, 1]),
+        eye_head_correlation=correlation(eyes_rad.mean(axis=1), head_rad),
         blinks=len(fit.lids.blinks),
     )
 
@@ -129,7 +129,8 @@ def _line(row: RealClipResult) -> str:
     return f"{line}  rejected: {row.reject_reason}" if row.reject_reason else line
 
 
-def _correlation(one: Float[ndarray, " T"], other: Float[ndarray, " T"]) -> float:
+def correlation(one: Float[ndarray, " T"], other: Float[ndarray, " T"]) -> float:
+    """Correlation of two courses; 0 where one stands still."""
     if len(one) < 3 or one.std() < 1e-9 or other.std() < 1e-9:
         return 0.0
     return float(np.corrcoef(one, other)[0, 1])

@@ -179,11 +179,10 @@ class CausalVAEHead(nn.Module):
             return normal
         speech = latent_state.features_at(self.prior.last_frame(latent_state.next_code))
         previous = latent_state.codes[-1] if latent_state.codes else torch.zeros_like(normal)
-        prior = self.prior.given(
-            speech[:, None].to(self.prior.moments.weight), previous[:, None].to(self.prior.moments.weight)
-        )
-        code: Tensor = (prior.mean + normal[:, None].to(prior.mean) * (0.5 * prior.log_variance).exp())[:, 0].cpu()
-        return code
+        device = self.prior.moments.weight.device
+        prior = self.prior.given(speech[:, None].to(device), previous[:, None].to(device))
+        code: Tensor = prior.mean.cpu() + normal[:, None] * (0.5 * prior.log_variance).exp().cpu()
+        return code[:, 0]
 
 
 class HeadStream:
