@@ -79,10 +79,10 @@ params: setup  ## Write params.yaml from conf/
 		$(BIN)/python -m pipelines.params $(if $(corpus),corpus=$(corpus)) $(if $(fit),fit=$(fit)) && \
 		{ $(CONF_STATE); } > $(VENV)/.params; }
 
-test: setup  ## Run the tests
-	$(BIN)/python -m pytest -n 2 --maxfail 10
+test: setup  ## Run the tests that take less than some five seconds each, with the tiny chain
+	$(BIN)/python -m pytest -n 2 --maxfail 10 -m 'not long and not slow and not gpu and not browser'
 
-check: setup  ## Format, lint, types, import order, then the tests
+check: setup  ## Format, lint, types, import order, then all tests that need no GPU, browser or other programs
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.evaluation.benchmark.aversion_information import (
@@ -45,6 +46,7 @@ def test_gaze_that_follows_speech_has_information_and_other_gaze_none():
     assert -0.02 < other.value < 0.02
 
 
+@pytest.mark.long
 def test_several_motions_of_a_sound_and_further_ones_give_the_same_with_less_overfitting():
     several = aversion_information(motions(True, samples=3), BOOTSTRAP)
     few = motions(True, seed=1)[:80]

@@ -86,6 +86,7 @@ def test_each_sound_has_a_folder_and_a_row(place: Path) -> None:
     np.testing.assert_allclose(found.gaze, alone.motion.gaze, atol=1e-6)
 
 
+@pytest.mark.long
 def test_output_is_independent_of_jobs_and_order(place: Path) -> None:
     sounds = sorted((place / "lines").iterdir())
     animate_all(sounds, "one", AnimationOptions(samples=2, seed=4, formats=("bvh",), previews=False))

@@ -132,6 +132,7 @@ def test_truth_follows_main_sequence_at_every_rate(fps):
     assert (found["saccades/duration"].value is None) == (fps < 60)
 
 
+@pytest.mark.long
 def test_mirrored_and_flipped_motion_is_detected(true, reference, own):
     both = rows([mirrored(each) for each in true], reference)
     assert both["reference_correlation/aversion_yaw"].value.value < -0.9

@@ -29,6 +29,7 @@ def speech(seed: int = 0) -> Tensor:
     return torch.randn(2, FRAMES, SPEECH, generator=torch.Generator().manual_seed(seed))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("prior", ["standard", "conditional"])
 @torch.no_grad()
 def test_a_stream_is_the_sample_of_the_whole(prior: str) -> None:
@@ -69,6 +70,7 @@ def test_divergence_from_another_normal_distribution() -> None:
     torch.testing.assert_close(posterior.divergence_per_dim(standard), posterior.divergence_per_dim())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("prior", "follows"), [("standard", False), ("conditional", True)])
 def test_sampled_codes_carry_speech_that_the_decoder_does_not_see(prior: str, follows: bool) -> None:
     """The head turns as speech did 18 frames before; the decoder sees 12."""

@@ -122,6 +122,7 @@ def reference_of(each: Recording) -> ConditioningInputs:
     return ConditioningInputs(reference=torch.from_numpy(motion_array(each.head, each.gaze))[None])
 
 
+@pytest.mark.long
 def test_reference_clip_gives_style_of_unseen_speaker(tmp_path: Path) -> None:
     task = task_of({"kind": "reference", **KINDS["reference"]}, **LONG)
     settings = task.settings
@@ -136,6 +137,7 @@ def test_reference_clip_gives_style_of_unseen_speaker(tmp_path: Path) -> None:
     np.testing.assert_allclose(again.generate(speech, [5], 25.0, turned).gaze, direct.gaze.numpy(), atol=1e-6)
 
 
+@pytest.mark.long
 def test_training_speaker_moves_like_that_speaker(tmp_path: Path) -> None:
     task = task_of(
         {"kind": "speaker", "condition_dropout": 0.1, "embedding_scale": {"head": 1.0, "gaze": 1.0}},

@@ -86,6 +86,7 @@ def contact(animation: Animation, state: str) -> float:
     return eye_contact_fraction(head[inside], space[inside], np.tile([0.0, 0.0, 1.0], (len(head), 1))[inside])
 
 
+@pytest.mark.long
 def test_each_state_looks_at_the_partner_as_much_as_people_do(made, plain):
     found = {state: [contact(each, state) for each in made] for state in STATES}
     # Listening: 0.95 (Lee, Badler & Badler 2002), 0.91 (recorded people, docs/people.md), 0.96 (mean aversion 4 %).
@@ -180,6 +181,7 @@ def test_every_shift_has_a_reason_and_looks_away_for_one(made, tmp_path):
     assert load_keys(tmp_path / "a.events.json").original.saccades  # edits still work
 
 
+@pytest.mark.long
 def test_looking_away_at_speech_has_the_reason_of_its_moment(performer):
     """Own phrases with a short and a long pause, after the partner; eye contact by rule makes shifts everywhere."""
     read = read_speech(str(files("moonshine_voice") / "assets/two_cities.wav"))

@@ -63,6 +63,7 @@ def assert_agree(one: Path, two: Path, *names: str) -> None:
         np.testing.assert_allclose(shared_weights[name], value, rtol=TOLERANCE, atol=TOLERANCE, err_msg=name)
 
 
+@pytest.mark.long
 def test_two_processes_equal_one_with_dropout_and_sampling(tmp_path: Path) -> None:
     """Covers moving averages and restarts of the codebook, masked means, dropout and sampling of latent codes."""
     one, two = (toy_training(tmp_path / name, dropout=0.1, **STEPS) for name in ("one", "two"))
@@ -112,6 +113,7 @@ def test_indivisible_batch_and_unsupported_stage_are_errors(tmp_path: Path, monk
         ExecutionContext.single_process({"device": "cpu", "precision": "float32"})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["categorical", "regression", "vae"])
 def test_bfloat16_learns_and_keeps_float32_weights(kind: str) -> None:
     book = codebook(kind)
@@ -130,6 +132,7 @@ def test_bfloat16_learns_and_keeps_float32_weights(kind: str) -> None:
     assert half != whole, "nothing was computed in bfloat16"
 
 
+@pytest.mark.long
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a card")
 def test_machine_gpu_without_gpu_is_one_line_error(tmp_path: Path) -> None:
     workspace = toy_training(tmp_path, **STEPS)

@@ -65,6 +65,7 @@ def test_listeners_look_at_the_speaker_and_nod() -> None:
     assert np.median(nodded) > np.radians(1.0)
 
 
+@pytest.mark.long
 def test_some_turns_begin_with_gaze_averted() -> None:
     sounds = talk()
     starts_s = long_turn_starts(detect_turns(*sounds))
@@ -92,6 +93,7 @@ def test_short_answer_does_not_take_the_turn() -> None:
     assert long_turn_starts(detect_turns(one, np.zeros(0, np.float32))) == []
 
 
+@pytest.mark.long
 def test_listeners_blink_at_the_ends_of_phrases() -> None:
     """Gaze is calm here, since most blinks would otherwise be evoked by gaze shifts above 5 degrees."""
     sounds, calm = talk(), Controls(liveliness=Liveliness(gaze=0.1))

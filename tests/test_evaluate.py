@@ -38,6 +38,7 @@ def tables(workspace):
     return {row: json.loads(workspace.data("evaluate", row, "metrics.json").read_text()) for row in ROWS}
 
 
+@pytest.mark.long
 def test_critic_reports_both_aucs_and_the_corr_of_baselines(workspace):
     report = json.loads(workspace.data("critic", "report.json").read_text())
     assert set(report) == set(CRITIC_PARTS)

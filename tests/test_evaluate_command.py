@@ -94,6 +94,7 @@ def test_schema_is_printed_and_rejects_other_contents(corpus, tmp_path):
             validate(each, schema)
 
 
+@pytest.mark.long
 def test_files_of_another_program_are_measured_without_torch_and_models(corpus, tmp_path):
     """Live Link tables go through `import` and `evaluate` in the base installation, against a corpus and people."""
     people_csv(tmp_path / "people.csv")

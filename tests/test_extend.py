@@ -51,6 +51,7 @@ def run(arguments: list[str], root: Path, project: Path | None = None) -> str:
     return ended.stdout + ended.stderr
 
 
+@pytest.mark.long
 def test_every_part_of_the_page_keeps_its_contract(repository: Path, copy: Path) -> None:
     """Run the commands of the page, in one process instead of three."""
     wanted = [each[each.index("-k") + 1] for each in commands(repository, "pytest")]
@@ -59,6 +60,7 @@ def test_every_part_of_the_page_keeps_its_contract(repository: Path, copy: Path)
     assert re.search(r"^9 passed", said, re.MULTILINE), said
 
 
+@pytest.mark.long
 def test_a_model_of_the_page_trains_and_animates(copy: Path, tmp_path: Path) -> None:
     """Train a model with both new generators on toy recordings, load it and sample from it."""
     workspace = toy_training(tmp_path, steps=4, validate_every=2, batch=4)

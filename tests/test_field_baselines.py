@@ -151,6 +151,7 @@ def workspace(tmp_path_factory):
     return FieldWorkspace(made.root, {**made.params, "sample": {"seed": 0, "samples": 3}})
 
 
+@pytest.mark.long
 def test_rows_of_a_workspace_beside_its_models(workspace):
     content = compute(workspace, None)
     assert list(content["requirements"]) == [*ROWS, *GENERATORS]

@@ -300,6 +300,7 @@ class TestContract:
             assert out.gaze[..., 2].abs().max() < 1e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "kind", [*GAZE, "categorical_scheduled", pytest.param("regression_free", marks=pytest.mark.slow)]
 )

@@ -55,6 +55,7 @@ def recorded(habits: GazeHabits, name: str, rng: np.random.Generator) -> Person:
 
 
 class TestEstimates:
+    @pytest.mark.long
     def test_estimates_recover_a_population_that_is_seen_without_noise(self) -> None:
         rng = np.random.default_rng(0)
         people = [recorded(sample_habits(POPULATION, rng), str(index), rng) for index in range(20)]

@@ -89,6 +89,7 @@ class TestPretence:
             assert {each.device.type for each in net.cpu().parameters()} == {"cpu"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MODELS)
 def test_models_of_head_and_gaze(name: str, tmp_path: Path) -> None:
     raw = model_section(name)
@@ -117,6 +118,7 @@ def test_encoder_trained_jointly(folder: Path, tmp_path: Path) -> None:
         learn(task, settings.loop)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", GAZE_PRIORS)
 def test_codebooks_of_gaze(name: str) -> None:
     settings = GazeTokenizerSettings.model_validate(shortened(model_section(name, "pretrain")))
@@ -134,6 +136,7 @@ def test_autoencoders_of_the_face(kind: str) -> None:
         task.fit_latent_statistics()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", GENERATORS)
 def test_models_of_the_face(name: str, tokenizers: Any) -> None:
     settings = model_settings(name)
@@ -163,6 +166,7 @@ def test_the_critic() -> None:
         learn(task, task.settings.loop)
 
 
+@pytest.mark.long
 def test_stages(tmp_path: Path) -> None:
     workspace = toy_training(tmp_path, **SHORT)
     workspace.params["machine"].update(MACHINE)  # type: ignore[index]

@@ -53,6 +53,7 @@ def test_the_loss_is_the_mean_of_the_likelihood() -> None:
     assert float(loss["time"]) == pytest.approx(-float(found["time"].mean()) / (BINS - 1), rel=1e-5)
 
 
+@pytest.mark.long
 def test_speech_that_decides_every_event_gives_its_entropy() -> None:
     """A process that hears whether an event comes gains the entropy of a coin a bin over one that is deaf; a wrong
     sound costs it more than it ever gained."""

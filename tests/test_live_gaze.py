@@ -145,6 +145,7 @@ def person(seed: int, seconds: float = 120.0) -> GazeTrajectory:
     return GazeTrajectory(FPS, np.zeros((len(times), 3)), path[:, None] + line_of_sight.MEAN_KAPPA_RAD, ())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fraction", [0.0, 0.2, 0.5, 0.8, 1.0])
 def test_the_share_of_eye_contact_is_met(fraction: float) -> None:
     found = []
@@ -177,6 +178,7 @@ def longest_fixation_s(space: Float[ndarray, "T 2 2"], least_deg: float) -> floa
     return float(np.diff([0, *np.flatnonzero(steps > least_deg), len(space)]).max() / FPS)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sound", [speech(66.0), np.zeros(66 * SAMPLE_RATE, np.float32)], ids=["speech", "silence"])
 @pytest.mark.parametrize("state", SHARES)
 def test_a_state_has_its_share_of_eye_contact_over_a_minute(state: State, sound: Float[ndarray, " N"]) -> None:

@@ -94,6 +94,7 @@ def test_no_phrases_in_silence_and_in_constant_noise(level: float) -> None:
     assert not PhraseDetector().push(noise.astype(np.float32))
 
 
+@pytest.mark.long
 def test_nods_come_after_the_ends_of_phrases_and_nowhere_else(live: LiveModel) -> None:
     partner, alone = phrases(), streamed(live, [640], None)
     ends = np.array([each.end_s for each in detect_speech(partner).speaking])
@@ -116,6 +117,7 @@ def test_nods_come_after_the_ends_of_phrases_and_nowhere_else(live: LiveModel) -
     assert begun >= 4
 
 
+@pytest.mark.long
 def test_nods_do_not_depend_on_chunks_and_are_those_of_the_whole_sound(live: LiveModel) -> None:
     partner = phrases()
     expected = streamed(live, [640], partner)
@@ -139,6 +141,7 @@ def test_later_sound_of_the_partner_does_not_change_earlier_frames(live: LiveMod
         np.testing.assert_array_equal(one.head[:same], two.head[:same])
 
 
+@pytest.mark.long
 def test_nods_begin_only_while_listening_or_without_a_state(live: LiveModel) -> None:
     partner = phrases()
     for state in ("speaking", "thinking"):
@@ -171,6 +174,7 @@ def test_nods_of_models_with_any_lookahead_are_causal(latency_s: float) -> None:
         np.testing.assert_array_equal(np.concatenate(parts), whole.rotation(times, True))
 
 
+@pytest.mark.long
 def test_rate_latency_and_depth_are_those_of_files() -> None:
     """Over 50 seeds; in both, a nod is what lifts the path from zero for the first time in 0.1 s."""
     partner, times = phrases(60.0), np.arange(60 * 100) / 100.0

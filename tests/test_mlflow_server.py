@@ -124,6 +124,7 @@ def server(root):
         yield running
 
 
+@pytest.mark.long
 def test_four_processes_lose_nothing(server):
     stages = server.post("runs/search", experiment_ids=[server.experiment("stages")["experiment_id"]])["runs"]
     assert sorted(run["info"]["run_name"] for run in stages) == sorted(f"trial {n}" for n in range(PROCESSES * TRIALS))

@@ -29,6 +29,7 @@ def test_a_notebook_asks_plots_and_answers_without_definitions(name: str) -> Non
     assert "plt.show()" in "".join(cell.source for cell in code)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_a_notebook_runs_on_the_tiny_corpus(
     name: str, tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -75,6 +75,7 @@ def command(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.long
 def test_models_of_one_person_are_trained_measured_and_used(person: Path, tmp_path: Path) -> None:
     short = [f"model.{name}.{each}" for name in ("posegan", "own_person") for each in SHORT]
     windows = ["model.posegan.windows.frames=128", "model.posegan.head.window=128"]
@@ -87,6 +88,7 @@ def test_models_of_one_person_are_trained_measured_and_used(person: Path, tmp_pa
     assert "nan" not in page
 
 
+@pytest.mark.long
 def test_other_corpora_are_refused_in_one_line(tiny: Path, person: Path, tmp_path: Path) -> None:
     few = tmp_path / "few"
     few.mkdir()

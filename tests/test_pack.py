@@ -82,6 +82,7 @@ def test_linked_folders_keep_their_names(place: Path, tmp_path: Path) -> None:
     assert done.models == ("talkingeyes_events", "probtalk3d")
 
 
+@pytest.mark.long
 def test_packed_model_needs_no_conf(place: Path, repository: Path, tmp_path: Path) -> None:
     """An installed copy of the package in another folder, without the repository."""
     shutil.copytree(

@@ -65,6 +65,7 @@ def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
+@pytest.mark.long
 def test_random_motion_fails_what_follows_the_sound(corpus: Corpus, tmp_path: Path) -> None:
     """The second takes, measured as motions of a system: truth passes what random motion does not."""
     motions = tmp_path / "motions"

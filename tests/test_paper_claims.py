@@ -200,6 +200,7 @@ def test_seeds_of_another_configuration_are_one_line(
     assert "remove the file, or give another --out" in line
 
 
+@pytest.mark.long
 def test_a_run_adds_its_seed_to_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`seeds=1` computes seed 1 alone, and writes the page of seeds 0 and 1."""
     computed = []
@@ -219,6 +220,7 @@ def test_a_run_adds_its_seed_to_the_page(tmp_path: Path, monkeypatch: pytest.Mon
     assert json.loads((tmp_path / "tables.json").read_text())["tables"]["table6"]["seeds"] == [0, 1]
 
 
+@pytest.mark.long
 def test_a_table_of_a_seed_is_computed_from_its_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two speakers with two sounds each; Corr. of the eyes of `sequence` is 0.1 above that of all other rows."""
     (params,) = table_runs.configs_by_seed(["experiment=paper_tables"], [1])
@@ -256,6 +258,7 @@ def test_a_table_of_a_seed_is_computed_from_its_rows(tmp_path: Path, monkeypatch
     assert judge(claim("Without L_vel, L2 of the head"), PRINTED, [found.splits["unseen"]]).verdict == claims.UNDECIDED
 
 
+@pytest.mark.long
 def test_configuration_depends_on_rows_but_not_on_seeds_and_folders() -> None:
     base = ["experiment=[paper_tables]"]
     same = tables.configuration_hash(base)

@@ -168,6 +168,7 @@ def test_learns_direction_and_length_of_steps() -> None:
     assert np.corrcoef(*np.log(far))[0, 1] > 0.8
 
 
+@pytest.mark.long
 def test_samples_exclude_observation_noise() -> None:
     """Locations jump between -1 and 1 and are observed with noise: samples lie closer to -1 and 1 than observations."""
     torch.manual_seed(4)

@@ -72,6 +72,7 @@ def test_the_examples_of_the_page_run(place: Path, repository: Path) -> None:
         exec(compile(block, "docs/python.md", "exec"), space)
 
 
+@pytest.mark.long
 def test_the_examples_of_the_page_are_typed(repository: Path, tmp_path: Path) -> None:
     """The examples pass mypy --strict, so the type annotations of the package are sufficient for users."""
     blocks = re.findall(r"```python\n(.*?)```", (repository / "docs" / "python.md").read_text(), re.DOTALL)

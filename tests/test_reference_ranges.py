@@ -298,6 +298,7 @@ def tiny(tmp_path_factory):
     return root
 
 
+@pytest.mark.long
 def test_a_corpus_without_features_and_fit(tiny, monkeypatch, capsys):
     monkeypatch.chdir(tiny)
     monkeypatch.setattr("sys.argv", ["reference_ranges"])

@@ -11,6 +11,7 @@ from talkingeyes.evaluation.reference_ranges.range_class import RANGE_CLASSES
 from talkingeyes.evaluation.reference_ranges.ranges import REFERENCE_RANGES
 
 
+@pytest.mark.long
 def test_model_is_compared_with_ranges_and_truth(tiny, monkeypatch, capsys):
     monkeypatch.chdir(tiny)
     monkeypatch.setattr(reference_ranges_model, "SAMPLES", 2)

@@ -47,6 +47,7 @@ def client(root):
     return MlflowClient(f"sqlite:///{root / 'mlflow.db'}")
 
 
+@pytest.mark.long
 def test_the_same_model_is_registered_once_and_another_as_the_next_version(root, monkeypatch, tmp_path):
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     assert register(root) == "models:/talkingeyes/1"

@@ -124,6 +124,7 @@ def contents(folder):
     return {path: path.read_bytes() for path in files if path.suffix != ".mp4" and path.name != "SHA256SUMS"}
 
 
+@pytest.mark.long
 def test_reports_are_repeatable(workspace, reported):
     before = contents(workspace.data("report"))
     report.run(workspace)

@@ -53,6 +53,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return workspace.root
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stage", STAGES, ids="-".join)
 def test_a_killed_stage_ends_in_the_same_bytes(stage: tuple[str, ...], whole: Path, tmp_path: Path) -> None:
     toy_training(tmp_path, **STEPS)

@@ -126,6 +126,7 @@ MUST_OF_SEVERAL = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MUST_OF_SEVERAL)
 def test_sample_and_encoder_metrics_detect_their_corruptions(found_of_several, name: str) -> None:
     caught = {metric for metric, cells in found_of_several.items() if name in detected_corruptions(cells)}
@@ -139,6 +140,7 @@ def test_mean_pose_has_best_l2_and_nearest_sample(several, found_of_several) -> 
     assert not found_of_several["samples/energy_score_head"]["mean pose"].rated_better
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MUST)
 def test_each_corruption_is_detected(found, name: str) -> None:
     assert set(MUST[name]) <= {metric for metric, cells in found.items() if name in detected_corruptions(cells)}
@@ -159,6 +161,7 @@ def test_every_metric_detects_some_corruption(found) -> None:
     assert blind <= {"reference_correlation/aversion_yaw", "eye/pitch_skew", "saccades/interval_cv"}
 
 
+@pytest.mark.long
 def test_smallest_dose_is_where_detection_starts(takes) -> None:
     """From the smallest dose on, the matrix has the corruption as detected, and not at half of it."""
     corruption = BY_NAME["diverging eyes"]
@@ -188,6 +191,7 @@ def test_true_takes_differ_no_more_often_than_by_chance(found) -> None:
     assert len(false) <= 0.1 * len(found), false
 
 
+@pytest.mark.long
 def test_aversion_curves_agree_for_true_takes_but_not_for_late_motion() -> None:
     """The curves need 400 onsets and offsets, so they have a larger pool and only their extractor is run."""
     takes = split_takes(sketch_clips(75, 1, 2, 16.0, 25.0, seed=0))

@@ -566,6 +566,7 @@ class TestStreams:
             connection.recv(120)
         well(service)
 
+    @pytest.mark.long
     def test_idle_client_is_disconnected(self, service: Service) -> None:
         for first in ([], ["{}"]):
             with service.stream() as connection:
@@ -696,6 +697,7 @@ class TestMistakes:
             service.stream(Origin=elsewhere)
         assert service.ask("performances", wav(speech(0.4)), Origin=service.address.rstrip("/")).status == 200
 
+    @pytest.mark.long
     def test_stalled_request_body_times_out(self, service: Service) -> None:
         with socket.create_connection(("127.0.0.1", service.port)) as stalled:
             stalled.sendall(b"POST /performances HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 1000\r\n\r\nRIFF")

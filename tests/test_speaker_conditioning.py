@@ -71,6 +71,7 @@ def test_model_is_conditioned_on_speaker_by_name_or_stored_style() -> None:
     np.testing.assert_array_equal(named, same)
 
 
+@pytest.mark.long
 def test_default_speaker_is_random_by_seed() -> None:
     as_each = {name: [head(seed, person=name) for seed in range(12)] for name in PERSONS}
     drawn = [head(seed) for seed in range(12)]
@@ -107,6 +108,7 @@ def test_a_fraction_of_people_blinks_less_often(profile: Any) -> None:
     assert middle == pytest.approx(profile.centre_per_min, rel=0.02)
 
 
+@pytest.mark.long
 def test_a_person_blinks_as_often_among_people_as_among_the_speakers() -> None:
     for rank, name in enumerate(PERSONS):
         counts = [len(each.events.blinks) for each in made(24, person=name)]

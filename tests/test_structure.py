@@ -235,6 +235,7 @@ def top_level(repository):
     return [Requirement(line) for group in groups for line in group]
 
 
+@pytest.mark.long
 def test_every_top_level_dependency_imports(repository):
     modules = {}
     for module, distributions in packages_distributions().items():

@@ -29,6 +29,7 @@ def run(monkeypatch, *arguments):
     pipelines.experiment.main()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -57,6 +58,7 @@ def test_a_mistake_is_one_line(repository, tmp_path, monkeypatch, arguments, say
     assert not (tmp_path / "store").exists()
 
 
+@pytest.mark.long
 def test_a_mistake_in_a_sweep_is_status_2(repository, tmp_path):
     command = [sys.executable, "-m", "pipelines.experiment", "-m", "train.seed=0,x", f"workspace={tmp_path}"]
     result = subprocess.run(command, cwd=repository, capture_output=True, text=True, check=False, timeout=100)
@@ -65,6 +67,7 @@ def test_a_mistake_in_a_sweep_is_status_2(repository, tmp_path):
     assert result.stderr.count("\n") == 1
 
 
+@pytest.mark.long
 def test_an_error_inside_a_job_is_one_line(tmp_path, monkeypatch, capfd):
     def fail(*_):
         raise InputError("a clip is broken")
@@ -75,6 +78,7 @@ def test_an_error_inside_a_job_is_one_line(tmp_path, monkeypatch, capfd):
     assert "Error executing" not in capfd.readouterr().err
 
 
+@pytest.mark.long
 def test_a_changed_search_space_is_refused(tmp_path):
     overrides = ["sweep=free_running", f"workspace={tmp_path}"]
     assert prepare(overrides).remaining_trials == 16
@@ -118,6 +122,7 @@ experiment.main()
 """
 
 
+@pytest.mark.long
 def test_killed_sweep_resumes_without_repeats(repository, tmp_path):
     arguments = ["-m", "sweep=codebook_size", f"workspace={tmp_path}", "hydra/launcher=basic", "hydra.sweeper.n_jobs=1"]
     command = [sys.executable, "-c", FAKE, *arguments, "hydra.sweeper.n_trials=8"]
@@ -149,6 +154,7 @@ def test_killed_sweep_resumes_without_repeats(repository, tmp_path):
     assert prepare([*arguments[1:], "hydra.sweeper.n_trials=8"]).remaining_trials == 0
 
 
+@pytest.mark.long
 def test_bad_trials_end_early(tmp_path, monkeypatch):
     steps = []
 
@@ -179,6 +185,7 @@ def test_bad_trials_end_early(tmp_path, monkeypatch):
     assert worst.number < 4 or worst.state.name == "PRUNED"
 
 
+@pytest.mark.long
 def test_pruning_needs_one_objective(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["sweep", "sweep=codebook_size", f"workspace={tmp_path}"])
     with pytest.raises(InputError, match="should have one objective for pruning"):

@@ -75,6 +75,7 @@ def whole(tmp_path_factory):
     return files(make_tiny_corpus(tmp_path_factory.mktemp("whole"), *FEW))
 
 
+@pytest.mark.long
 def test_two_processes_make_the_same_bytes(tmp_path, whole):
     assert files(make_tiny_corpus(tmp_path, *FEW, jobs=2)) == whole
 
@@ -219,6 +220,7 @@ def test_noise_and_room_change_only_the_sound(tmp_path):
     assert differing == {"speech", "rows"}  # rows contain a hash of the sound
 
 
+@pytest.mark.long
 def test_killed_run_resumes(tmp_path, whole):
     root = tmp_path / "killed"
     write_params(root / "params.yaml", compose(["experiment=tiny", "machine.jobs=1", *FEW]))

@@ -183,6 +183,7 @@ def test_both_families_train_alike_and_a_row_differs_in_its_subject_alone():
             assert codebooks[row["tokenizer"]] == {**shared, "network": {**shared["network"], "quantiser": quantiser}}
 
 
+@pytest.mark.long
 def test_codebooks_of_table_7_have_the_seed_of_the_training():
     for seed, params in enumerate(table_runs.configs_by_seed(["experiment=paper_tables"], [0, 1])):
         assert params["pretrain"]["gaze_frames"]["seed"] == params["pretrain"]["gaze_patches"]["seed"] == 0

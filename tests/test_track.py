@@ -92,6 +92,7 @@ def rows(path: Path) -> Iterator[dict[str, str]]:
         yield from csv.DictReader(file)
 
 
+@pytest.mark.long
 def test_a_folder_of_videos_becomes_a_corpus(corpus: Path):
     clips = {clip.id.rpartition("-")[0].rpartition("-")[0]: clip for clip in Corpus(corpus).clips}
     assert {"ann-talk"} <= set(clips)
@@ -171,6 +172,7 @@ def test_mistakes_are_one_line(videos: Path, corpus: Path, tmp_path: Path):
         track([videos], tmp_path / "full", settings())
 
 
+@pytest.mark.long
 def test_the_command_plans_tracks_without_pictures_and_films_the_fit(drawn: list[np.ndarray], tmp_path: Path):
     video = filmed(tmp_path / "talk.mp4", drawn, 0.8)
     call = ["track", str(video), "-o", str(tmp_path / "out"), "--set", "clip_filter.min_duration_s=0.5"]

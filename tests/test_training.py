@@ -154,6 +154,7 @@ def tokenizer(patch: int, **changes: Any) -> GazeTokenizerSettings:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("patch", [1, 4])
 def test_codebook_trains_uses_codes_and_is_reproducible(patch: int) -> None:
     train_clips, val = recordings(12, seed=1), recordings(3, seed=2)

@@ -113,6 +113,7 @@ def experiment() -> dict[str, Any]:
     return compose(["experiment=wav2vec2_finetuning"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["talkingeyes", "talkingeyes_literal", "talkingeyes_events"])
 def test_the_experiment_fine_tunes_every_model(
     experiment: dict[str, Any], folder: Path, tmp_path: Path, name: str

@@ -143,6 +143,7 @@ def test_arrays_that_nobody_asked_for_are_not_read(tmp_path: Path) -> None:
         assert peak < PEAK_MIB
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("reader", ["motion", "fields", "samples", "map"])
 def test_a_huge_array_is_refused_before_it_is_inflated(huge: Path, reader: str) -> None:
     assert huge.stat().st_size < 16 * MIB

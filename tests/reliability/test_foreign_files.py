@@ -54,6 +54,7 @@ def test_a_packed_model_runs_no_code_of_its_choice(model: Path, tmp_path: Path, 
     assert (tmp_path / "ran").exists()
 
 
+@pytest.mark.long
 def test_opening_a_packed_model_asks_no_hub(model: Path, monkeypatch: Any) -> None:
     transformers = pytest.importorskip("transformers")
     asked: list[dict[str, Any]] = []
@@ -91,6 +92,7 @@ def test_a_damaged_or_greedy_configuration_is_one_line(model: Path, text: str, m
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("key", "number"), [("width", 20_000), ("width", 10**7), ("layers", 10**9)])
 def test_a_configuration_cannot_name_a_larger_network_than_its_file(tmp_path: Path, key: str, number: int) -> None:
     """Layers are refused before their memory is used: 20,000 wide would be 1.6 GB a layer."""

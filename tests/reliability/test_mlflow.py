@@ -5,10 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from talkingeyes.orchestration import mlflow_logging
 from talkingeyes.orchestration.run import MethodResult, Report
 
 
+@pytest.mark.long
 def test_a_killed_run_is_marked_and_logged_again(tmp_path: Path, monkeypatch: Any) -> None:
     report = Report(metrics={}, rows=[MethodResult("truth", {"a": 1.0})])
 
