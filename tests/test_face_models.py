@@ -19,6 +19,7 @@ from talkingeyes.models.face.vqvae import FaceVQVAE, FaceVQVAESettings, merge_co
 from talkingeyes.models.layers import attention
 from talkingeyes.models.layers.attention import WindowAttention
 from talkingeyes.models.layers.correlated_noise import correlated_normal, normal_to_gumbel
+from talkingeyes.models.speech_to_face import SpeechToFace
 from talkingeyes.training import checkpoint
 from talkingeyes.training.baseline_checkpoint import save_baseline
 from talkingeyes.training.face_generators import TrainedFaceGenerator, face_config, face_space, load_face_generator
@@ -323,6 +324,16 @@ def test_emotion_has_effect_and_can_change_within_a_clip(talker: Any) -> None:
     before, after = changing[:40].mean(0), changing[80:].mean(0)
     assert after[2] < before[2] - 0.2, "the smile goes"
     assert after[0] > before[0] + 0.03, "the brows come down"
+
+
+def test_emotions_differ_before_training_among_many_speakers(tokenizers: dict[str, FaceTokenizer]) -> None:
+    """Factors that begin the same for all emotions are not learnt in the steps of the chain."""
+    vocabulary = StyleVocabulary(tuple(f"s{number:03}" for number in range(200)))
+    network = tokenizers["vq"].network
+    made = SpeechToFace(model_settings("latent"), ("energy_dbfs",), vocabulary, BASIS.numbers, network)
+    styles = np.stack([vocabulary.style_vector(FaceStyle(None, each, 1)) for each in ("happy", "angry", "sad")])
+    assert made.style is not None
+    assert made.style(torch.from_numpy(styles)).std(dim=0).mean() > 0.2
 
 
 def test_speaker_has_effect_only_with_style(talker: Any, tokenizers: dict[str, FaceTokenizer]) -> None:

@@ -17,6 +17,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.paper_metrics.requirements import (
     Requirement,
     critic_requirements,
+    face_requirements,
     model_requirements,
     requirements_table,
 )
@@ -181,6 +182,23 @@ def test_requirements_have_status_and_deviation():
 def test_critics_must_tell_mismatched_motion():
     row = made(gaze_corr_minus_fitted=-0.1, gaze_in_space_corr_minus_fitted=0.1, head_corr_minus_fitted=-0.2)
     assert [each.is_met for each in critic_requirements({"mismatched": row})] == [True, False, True] * 2
+
+
+def test_a_face_must_show_its_emotion_and_close_its_lips():
+    def row(emotion, closed):
+        shares = {"emotion_accuracy": emotion, "bilabials_closed": closed}
+        face = {key: {"value": value, "low": value, "high": value} for key, value in shares.items()}
+        return {key: {"face": face} for key in ("test", "unseen")}
+
+    rows = {"fitted": row(0.9, 1.0), "probtalk3d": row(0.6, 0.4), "neutral": row(0.125, 0.6), "eyes": {}}
+    met = {name: [each.is_met for each in face_requirements(rows, name)] for name in rows}
+    assert met == {
+        "fitted": [True, True] * 2,
+        "probtalk3d": [True, False] * 2,
+        "neutral": [False, True] * 2,
+        "eyes": [],
+    }
+    assert not face_requirements(rows, "not_there")
 
 
 def test_baselines_miss_what_models_must_reach(repository):

@@ -20,6 +20,10 @@ from talkingeyes.models.face.generator import FACE_GENERATORS, FaceComponentSett
 from talkingeyes.models.face.style import StyleInput, StyleVocabulary
 from talkingeyes.models.speech_projection import SpeechProjection, SpeechProjectionSettings
 
+# SD of the initial weights of emotion and intensity. PyTorch's for a one-hot vector of 200 speakers is 0.04, so that
+# emotions differ by a tenth after 500 steps and are not seen (docs/log/2026-11-26-face-emotion.md).
+STYLE_SD = 0.5
+
 
 class SpeechToFaceSettings(Settings):
     """Components of the model. Weights are keyed by loss term (eq. 5)."""
@@ -77,6 +81,9 @@ class SpeechToFace(nn.Module):
         self.style = nn.Linear(len(columns), settings.speech.width) if columns else None
         if self.style is not None:
             nn.init.ones_(self.style.bias)  # the initial style factor is near 1
+            shown = torch.tensor([index for index, column in enumerate(columns) if column >= self.speakers])
+            with torch.no_grad():
+                self.style.weight[:, shown] = STYLE_SD * torch.randn(settings.speech.width, len(shown))
         self.face: FaceGenerator = FACE_GENERATORS.build(settings.face, settings.speech.width, face_dim, tokenizer)
         self.register_buffer("temperature", torch.tensor(settings.temperatures[0]))
         self.register_buffer("min_face", torch.full((face_dim,), -torch.inf))
