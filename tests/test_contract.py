@@ -164,7 +164,9 @@ class TestFaceModel:
     def test_it_learns_one_batch_through_speech_and_style(self, name: str) -> None:
         made = face_network(name).train()
         torch.manual_seed(1)
-        data = FaceBatch(torch.randn(2, 20, CHANNELS), torch.rand(2, 1, SPEAKERS.numbers), torch.randn(2, 20, 5))
+        styles = [FaceStyle("a", "happy", 1), FaceStyle("b", "angry", 2)]
+        style = torch.from_numpy(np.stack([SPEAKERS.style_vector(each)[None] for each in styles]))
+        data = FaceBatch(torch.randn(2, 20, CHANNELS), style, torch.randn(2, 20, 5))
         optimiser = torch.optim.Adam([each for each in made.parameters() if each.requires_grad], 3e-3)
         totals = []
         for _ in range(5):
