@@ -62,6 +62,14 @@ def test_page_of_faces() -> None:
     assert text == introduction + face_table.summary(numbers("face_table")) + face_table.PICTURES
 
 
+def test_page_of_face_models_has_the_figures_of_the_report() -> None:
+    report = json.loads((DOCS.parent / "data" / "report" / "metrics.json").read_text())["probtalk3d"]
+    for split in ("test", "unseen"):
+        face = report[split]["face"]
+        cells = [f"{face[key]:.2f}" for key in ("emotion_accuracy", "bilabials_closed", "mve")]
+        assert f"| {' | '.join([split, *cells])} |" in page("face_models")
+
+
 def test_page_of_people() -> None:
     assert page("people") == people.page(numbers("people"))
 
