@@ -344,6 +344,8 @@ def test_speaker_has_effect_only_with_style(talker: Any, tokenizers: dict[str, F
         return float(task.module.generate(speech, style, [1], 0.0)[0, :, 3].mean())
 
     assert abs(smile(talker, "a") - smile(talker, "b")) > 1e-4
+    alone = FaceTask(model_settings("latent", style=["speaker"]), 0, data(), tokenizers["vq"])
+    assert smile(alone, "a") != smile(alone, "b")
     deaf = FaceTask(model_settings("latent", style=[]), 0, data(), tokenizers["vq"])
     assert smile(deaf, "a") == smile(deaf, "b")
 

@@ -81,7 +81,7 @@ class SpeechToFace(nn.Module):
         self.style = nn.Linear(len(columns), settings.speech.width) if columns else None
         if self.style is not None:
             nn.init.ones_(self.style.bias)  # the initial style factor is near 1
-            shown = torch.tensor([index for index, column in enumerate(columns) if column >= self.speakers])
+            shown = [index for index, column in enumerate(columns) if column >= self.speakers]
             with torch.no_grad():
                 self.style.weight[:, shown] = STYLE_SD * torch.randn(settings.speech.width, len(shown))
         self.face: FaceGenerator = FACE_GENERATORS.build(settings.face, settings.speech.width, face_dim, tokenizer)
