@@ -188,7 +188,7 @@ def test_a_face_must_show_its_emotion_and_close_its_lips():
     def row(emotion, closed):
         shares = {"emotion_accuracy": emotion, "bilabials_closed": closed}
         face = {key: {"value": value, "low": value, "high": value} for key, value in shares.items()}
-        return {key: {"face": face} for key in ("test", "unseen")}
+        return {key: {"face": dict(face)} for key in ("test", "unseen")}
 
     rows = {"fitted": row(0.9, 1.0), "probtalk3d": row(0.6, 0.4), "neutral": row(0.125, 0.6), "eyes": {}}
     met = {name: [each.is_met for each in face_requirements(rows, name)] for name in rows}
@@ -199,6 +199,8 @@ def test_a_face_must_show_its_emotion_and_close_its_lips():
         "eyes": [],
     }
     assert not face_requirements(rows, "not_there")
+    del rows["fitted"]["test"]["face"]["emotion_accuracy"]
+    assert [each.name[:5] for each in face_requirements(rows, "neutral")] == ["test:", "unsee", "unsee"]
 
 
 def test_baselines_miss_what_models_must_reach(repository):
