@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion, Saccade
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, shard_path
@@ -71,9 +72,11 @@ class RegeneratedClip:
 
 def load(workspace: Workspace, count: int) -> list[RegeneratedClip]:
     """The first clips of the corpus; a take sampled again has the same events as in the corpus."""
+    corpus = Corpus(workspace.corpus)
+    if not corpus.has_truth:
+        raise InputError(f"{workspace.corpus}: should be a synthetic corpus, whose events are known, got a tracked one")
     settings = workspace.settings("synthesize", plan.SynthesizeSettings)
     sounds = {sound.id: sound for sound in plan.plan_sounds(settings)}
-    corpus = Corpus(workspace.corpus)
     made = []
     for clip in corpus.clips[:count]:
         path = shard_path(workspace.data("fit", "motion"), clip.id, ".npz")

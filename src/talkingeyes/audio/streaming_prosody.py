@@ -125,8 +125,9 @@ class StreamingProsody:
         """Features of a sound that starts at frame `first`, each normalised by the level known at its time."""
         spoken = prosody(sound, self._fps, self._settings.prosody)
         blocks = (first + np.arange(len(spoken.energy_dbfs))) * self._size // BLOCK_SAMPLES
-        known = np.array(level.levels_dbfs)[np.minimum(blocks, len(level.levels_dbfs) - 1)]
-        energy = spoken.energy_dbfs + (self._settings.level_dbfs - known)
+        last = len(level.levels_dbfs) - 1
+        known = [level.levels_dbfs[block] for block in np.minimum(blocks, last).tolist()]  # not all of an hour's levels
+        energy = spoken.energy_dbfs + (self._settings.level_dbfs - np.array(known))
         octaves = np.nan_to_num(np.log2(spoken.f0_hz / F0_REFERENCE_HZ))
         floor = self._settings.prosody.energy_floor_dbfs
         return np.stack([np.maximum(energy, floor), octaves, spoken.voicing], axis=1).astype(np.float32)
