@@ -56,9 +56,14 @@ def has_face(paths: FaceInputPaths, clip: Clip) -> bool:
     return bool(Motion.load(shard_path(paths.fit / "motion", clip.id, ".npz")).expression_names)
 
 
-def measure_faces(paths: FaceInputPaths, sounds: Sequence[Sequence[Clip]], jobs: int) -> list[FaceMetrics]:
-    """Metrics of each sound; `sounds` holds the fitted takes of each, take 0 first."""
-    classifier = train_emotion_classifier(paths, min(jobs, 1 + len(sounds) // FACES_PER_PROCESS))
+def measure_faces(
+    paths: FaceInputPaths, sounds: Sequence[Sequence[Clip]], jobs: int, training: FaceInputPaths | None = None
+) -> list[FaceMetrics]:
+    """Metrics of each sound; `sounds` holds the fitted takes of each, take 0 first.
+
+    `training`: where the train split is, for a corpus without one.
+    """
+    classifier = train_emotion_classifier(training or paths, min(jobs, 1 + len(sounds) // FACES_PER_PROCESS))
     measure = partial(_measure, paths, classifier)
     return list(parallel_map(measure, list(sounds), jobs, f"evaluate {paths.row}: face"))
 
