@@ -28,6 +28,7 @@ def content(*place: str) -> Any:
     return yaml.safe_load(CONFIG_DIR.joinpath(*place).read_text())
 
 
+LIVE_GAZE = model_section("talkingeyes_live")["gaze"]
 CODES = {
     "tokenizer": "gaze_patches",
     "gaze": model_section("talkingeyes")["gaze"] | {"condition_lookback": 12, "condition_lookahead": 0},

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy import CHANNELS, recordings
 
-from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.gaze.categorical import stay_mask
 from talkingeyes.models.gaze.gaze_signal import find_stays, mirror_motion, to_gaze, to_signal
 from talkingeyes.models.gaze.generator import GazeCondition
@@ -32,7 +31,6 @@ VAE = {
 }
 CLEAN = {"kind": "teacher_forcing"}
 HALF = {"truth": 0.5, "posterior": 0.5, "prior": 0.0}
-NO_GUIDANCE = {"head": 1.0, "gaze": 1.0}
 GAZE: dict[str, dict[str, Any]] = {
     "categorical": {
         "transformer": TRANSFORMER,
@@ -44,6 +42,7 @@ GAZE: dict[str, dict[str, Any]] = {
     },
     "point_process": {
         "fps": 25.0,
+        "guidance": {"time": 1.0, "location": 1.0},
         "observation_noise_deg": 0.9,
         "process": {
             "width": 16,
@@ -141,7 +140,7 @@ def model(
     kind: str,
     head_frames: int | None = 25,
     head_mix: dict[str, float] = HALF,
-    guidance: Mapping[str, float] = NO_GUIDANCE,
+    gaze: Mapping[str, Any] | None = None,
     channels: Sequence[str] | None = None,
 ) -> SpeechToMotion:
     """A small untrained joint model."""
@@ -156,8 +155,7 @@ def model(
             tokenizer=None,
             speech={"channels": channels, "width": 12, "layers": 2, "dropout": 0.0, "channel_dropout": 0.0},
             head=VAE | {"kind": "vae", "norm": "standardised_mean", "latent_frames": head_frames},
-            gaze={"kind": member.kind, **GAZE[member.kind], **member.changes},
-            guidance_scale=guidance,
+            gaze={"kind": member.kind, **GAZE[member.kind], **member.changes, **(gaze or {})},
             conditions=(),
             head_mix=head_mix,
             weights={"head_reconstruction": 1.0, "head_kl": 0.1},
@@ -407,25 +405,22 @@ def test_gaze_is_trained_on_true_posterior_and_prior_heads_in_proportion() -> No
         model("vae", head_mix={"truth": 0.5, "posterior": 0.2, "prior": 0.2})
 
 
-@pytest.mark.parametrize("kind", ["vae", "point_process"])
-def test_guidance_moves_features_away_from_those_of_mean_speech(kind: str) -> None:
-    plain, guided = (model(kind, guidance=NO_GUIDANCE | {"gaze": scale}) for scale in (1.0, 2.0))
-    sound, seeds = batch(1, 60).speech[0], [1, 2]
+@pytest.mark.parametrize("guidance", [{"time": 20.0, "location": 1.0}, {"time": 1.0, "location": 20.0}])
+def test_guidance_changes_sampled_gaze_alone(guidance: dict[str, float]) -> None:
+    plain, guided = model("point_process"), model("point_process", gaze={"guidance": guidance})
+    sound, seeds = batch(1, 200).speech[0], [1, 2]
     one, other = plain.generate(sound, seeds), guided.generate(sound, seeds)
     assert torch.equal(one.head, other.head)
     assert not torch.allclose(one.gaze, other.gaze, atol=1e-4)
-    features = plain.encode_speech(sound[None], NO_CONDITIONING).gaze
-    mean = plain.encode_speech(plain.speech.mean.expand_as(sound)[None], NO_CONDITIONING).gaze
-    condition = GazeCondition((2 * features - mean).expand(2, -1, -1), one.head, plain.head.normal(one.head))
-    expected = plain.gaze.sample(condition, seeds, 1.0)
-    torch.testing.assert_close(other.gaze, expected, atol=1e-5, rtol=0)
+    torch.testing.assert_close(guided.generate_gaze(sound, other.head, seeds), other.gaze)
     # Training and likelihood have none.
     data = batch()
     torch.testing.assert_close(guided.log_likelihood(data), plain.log_likelihood(data))
 
 
 def test_guidance_changes_nothing_without_speech() -> None:
-    deaf, guided = (model("vae", guidance={"head": scale, "gaze": scale}, channels=[]) for scale in (1.0, 3.0))
+    guidance = {"guidance": {"time": 3.0, "location": 3.0}}
+    deaf, guided = (model("point_process", gaze=gaze, channels=[]) for gaze in ({}, guidance))
     sound = batch(1, 60).speech[0]
     torch.testing.assert_close(guided.generate(sound, [1]).gaze, deaf.generate(sound, [1]).gaze)
 

@@ -75,10 +75,16 @@ def test_rows_are_rendered_independently() -> None:
         )
 
 
-def gaze(**changes: object) -> PointProcessGaze:
+def gaze(time: float = 1.0, location: float = 1.0, **changes: object) -> PointProcessGaze:
     torch.manual_seed(0)
     settings = PointProcessGazeSettings.model_validate(
-        {"kind": "point_process", "fps": 25, "observation_noise_deg": 0.9, "process": PROCESS | changes}
+        {
+            "kind": "point_process",
+            "fps": 25,
+            "guidance": {"time": time, "location": location},
+            "observation_noise_deg": 0.9,
+            "process": PROCESS | changes,
+        }
     )
     made = PointProcessGaze(settings, 8, None).eval()
     made.normalise_by(torch.zeros(6), 0.2)
@@ -90,20 +96,19 @@ def gaze(**changes: object) -> PointProcessGaze:
 def condition(frames: int) -> GazeCondition:
     torch.manual_seed(1)
     head = 0.1 * torch.randn(1, frames, 3)
-    return GazeCondition(torch.randn(1, frames, 8), head, head / 0.1)
+    return GazeCondition(torch.randn(1, frames, 8), head, head / 0.1, torch.randn(1, frames, 8))
 
 
-@pytest.mark.parametrize("frames", [1, 2, 101])
-def test_stream_equals_samples_of_the_whole(frames: int) -> None:
-    made, told = gaze(lookahead=0), condition(frames)
+@pytest.mark.parametrize(("frames", "factor"), [(1, 1.0), (2, 1.0), (101, 1.0), (101, 2.0)])
+def test_stream_equals_samples_of_the_whole(frames: int, factor: float) -> None:
+    made, told = gaze(factor, factor + 0.5 * (factor > 1), lookahead=0), condition(frames)
     expected = made.sample(told, [7], 1.0)
     stream, parts = made.stream(7, 1.0), []
     with torch.no_grad():
         for first in range(0, frames, made.step_frames):
             now = slice(first, first + made.step_frames)
-            parts.append(
-                stream.step(GazeCondition(told.speech[:, now], told.head[:, now], told.normalised_head[:, now]))
-            )
+            whole = (told.speech, told.head, told.normalised_head, told.mean_speech)
+            parts.append(stream.step(GazeCondition(*(each[:, now] for each in whole))))
     torch.testing.assert_close(torch.cat(parts, dim=1), expected, atol=1e-5, rtol=0)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from live_model import write_live_model
+from live_model import LIVE_GAZE, write_live_model
 from numpy import ndarray
 from test_streaming import close, speech
 
@@ -37,7 +37,7 @@ def phrases(seconds: float = SECONDS, noise: float = 0.0005) -> ndarray:
 def live(tmp_path_factory: pytest.TempPathFactory) -> LiveModel:
     """Without guidance, which makes the gaze of an untrained model large: at its limits, nods would be cut in two."""
     place = tmp_path_factory.mktemp("live") / "model"
-    return LiveModel.load(write_live_model(place, guidance_scale={"head": 1.0, "gaze": 1.0}))
+    return LiveModel.load(write_live_model(place, gaze=LIVE_GAZE | {"guidance": {"time": 1.0, "location": 1.0}}))
 
 
 def streamed(

@@ -7,10 +7,12 @@ import pytest
 import torch
 from test_point_process import made
 
-from talkingeyes.models.layers.numpy_point_process import SampledEvents, Sampler
+from talkingeyes.models.layers.numpy_point_process import NO_GUIDANCE, Guidance, SampledEvents, Sampler
 from talkingeyes.models.layers.point_process import EventSequence, PointProcess
 from talkingeyes.models.layers.point_process_sampler import make_sampler, sample_events
 from talkingeyes.models.layers.revisit_mixture import PreviousLocations
+
+STRONG = Guidance(time=1.5, location=2.5)
 
 
 def lively(bias: float, **changes: object) -> PointProcess:
@@ -25,24 +27,28 @@ def lively(bias: float, **changes: object) -> PointProcess:
 
 
 def bin_by_bin(sampler: Sampler, encoded_condition: np.ndarray, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    run = sampler.begin(encoded_condition[:, 0], uniform[:, 0])
-    events, locations = [np.ones(len(encoded_condition), bool)], [run.location.copy()]
-    for at in range(1, encoded_condition.shape[1]):
-        events.append(sampler.advance(run, encoded_condition[:, at], uniform[:, at]))
+    run = sampler.begin(encoded_condition[:, :, 0], uniform[:, 0])
+    events, locations = [np.ones(len(uniform), bool)], [run.location.copy()]
+    for at in range(1, encoded_condition.shape[2]):
+        events.append(sampler.advance(run, encoded_condition[:, :, at], uniform[:, at]))
         locations.append(run.location.copy())
     return np.stack(events, 1), np.stack(locations, 1)
 
 
-@pytest.mark.parametrize("bias", [-6.0, -2.0, 3.0])  # rare, occasional, and in nearly every bin
-def test_sampling_by_event_equals_sampling_by_bin(bias: float) -> None:
+# Rare, occasional, and in nearly every bin.
+@pytest.mark.parametrize(("bias", "guidance"), [(-6.0, None), (-2.0, None), (3.0, None), (-2.0, STRONG)])
+def test_sampling_by_event_equals_sampling_by_bin(bias: float, guidance: Guidance | None) -> None:
     process, condition, uniform = lively(bias), torch.randn(5, 90, 3), torch.rand(5, 90, 5)
-    sampled = sample_events(process, condition, uniform, 1.0)
+    further = (guidance, torch.randn(1, 90, 3).expand(5, -1, -1)) if guidance else ()
+    sampled = sample_events(process, condition, uniform, 1.0, *further)
     with torch.no_grad():
-        encoded_condition = process.condition_encoder(condition).numpy()
-    events, locations = bin_by_bin(make_sampler(process, 1.0), encoded_condition, uniform.numpy())
+        encoded_condition = np.stack([process.condition_encoder(each).numpy() for each in (condition, *further[1:])])
+    sampler = make_sampler(process, 1.0, *further[:1])
+    events, locations = bin_by_bin(sampler, encoded_condition, uniform.numpy())
     assert np.array_equal(sampled.event, events)
     np.testing.assert_allclose(sampled.location, locations, atol=1e-5, rtol=1e-5)
-    alone = sample_events(process, condition[:1], uniform[:1], 1.0)  # a row is the same alone
+    further = (guidance, further[1][:1]) if guidance else ()
+    alone = sample_events(process, condition[:1], uniform[:1], 1.0, *further)  # a row is the same alone
     assert np.array_equal(alone.event[0], sampled.event[0])
     np.testing.assert_allclose(alone.location[0], sampled.location[0], atol=1e-5, rtol=1e-5)
 
@@ -58,31 +64,45 @@ def sequence(sampled: SampledEvents) -> EventSequence:
 
 
 @pytest.mark.parametrize(
-    ("temperature", "changes"),
-    [(1.0, {}), (0.5, {}), (1.0, {"previous_steps": 0}), (1.0, {"adaptive_components": False})],
+    ("temperature", "changes", "guidance"),
+    [
+        (1.0, {}, NO_GUIDANCE),
+        (0.5, {}, NO_GUIDANCE),
+        (1.0, {"previous_steps": 0}, NO_GUIDANCE),
+        (1.0, {"adaptive_components": False}, NO_GUIDANCE),
+        (1.0, {"adaptive_components": False}, STRONG),
+    ],
 )
-def test_free_running_agrees_with_training_likelihood(temperature: float, changes: dict[str, object]) -> None:
-    """Hazards of all bins, and mixture component and its index at every event, given the sampled events."""
+def test_free_running_agrees_with_training_likelihood(
+    temperature: float, changes: dict[str, object], guidance: Guidance
+) -> None:
+    """Hazards of all bins, and mixture component and its index at every event, given the sampled events; with guidance
+    extrapolated from those of a neutral condition."""
     process, condition, uniform = lively(-1.5, **changes), torch.randn(1, 160, 3), torch.rand(1, 160, 5)
-    sampled = sample_events(process, condition, uniform, temperature)
+    neutral = torch.randn(1, 160, 3)
+    sampled = sample_events(process, condition, uniform, temperature, guidance, neutral)
     events = sequence(sampled)
+    at = events.bins[0]
+    log_odds, logits = [], []
     with torch.no_grad():
-        encoded_condition = process.condition_encoder(condition)
-        past = process._past(events, encoded_condition)
-        features = process._features(past, encoded_condition)
-        happens = uniform[0, 1:, 0] < process.hazard(features)[0, 1:, 0].sigmoid()
-        previous_locations = PreviousLocations.before(
-            events.bins, events.locations, process.settings.previous_locations
-        )
-        at = events.bins[0]
-        mixture = process._mixture(
-            features[:, at],
-            past.location[:, at],
-            PreviousLocations(previous_locations.locations[:, :-1], previous_locations.dwell_bins[:, :-1]),
-        )
+        for each in (neutral, condition):
+            encoded_condition = process.condition_encoder(each)
+            past = process._past(events, encoded_condition)
+            features = process._features(past, encoded_condition)
+            log_odds.append(process.hazard(features)[0, 1:, 0])
+            previous_locations = PreviousLocations.before(
+                events.bins, events.locations, process.settings.previous_locations
+            )
+            mixture = process._mixture(
+                features[:, at],
+                past.location[:, at],
+                PreviousLocations(previous_locations.locations[:, :-1], previous_locations.dwell_bins[:, :-1]),
+            )
+            logits.append(mixture.logits[0])
+    happens = uniform[0, 1:, 0] < torch.lerp(*log_odds, guidance.time).sigmoid()
     assert np.array_equal(happens.numpy(), sampled.event[0, 1:])
     assert happens.sum() > 15
-    share = (mixture.logits[0].double() / temperature).softmax(-1).cumsum(-1)
+    share = (torch.lerp(*logits, guidance.location).double() / temperature).softmax(-1).cumsum(-1)
     chosen = (share < uniform[0, at, 2:3].double()).sum(-1)
     row = torch.arange(len(at))
     normal = torch.special.ndtri(uniform[0, at, 3:].double().clamp(1e-6, 1 - 1e-6)).float()

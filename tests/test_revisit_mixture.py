@@ -38,7 +38,7 @@ def test_free_running_has_the_previous_locations_of_training():
     location, longest_dwell_location, age = np.zeros((2, 3), np.float32), np.zeros((2, 3), np.float32), np.zeros(2, int)
     still = encode_step(torch.zeros(2, 2, 3)).numpy()
     run = SamplerState(
-        np.zeros((2, 1)),
+        np.zeros((1, 2, 1)),
         location,
         longest_dwell_location,
         still,

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from live_model import CODES, embedding_settings, write_live_model
+from live_model import CODES, LIVE_GAZE, embedding_settings, write_live_model
 from model_conf import model_section
 from numpy import ndarray
 
@@ -96,7 +96,9 @@ def test_codes_of_gaze_can_be_streamed_too(live: LiveModel, codes: LiveModel) ->
 
 
 def test_a_guided_stream_is_what_the_whole_speech_gives(live: LiveModel, tmp_path: Path) -> None:
-    guided = LiveModel.load(write_live_model(tmp_path / "model", guidance_scale={"head": 1.0, "gaze": 3.0}))
+    guided = LiveModel.load(
+        write_live_model(tmp_path / "model", gaze=LIVE_GAZE | {"guidance": {"time": 2.0, "location": 3.0}})
+    )
     sound = speech()
     whole, plain = guided.generate_offline(sound, 4), live.generate_offline(sound, 4)
     for sizes in ([640], [1, 7000, 333, 0]):

@@ -189,7 +189,6 @@ def translation(kind: str, **changes: Any) -> MotionTaskSettings:
             "speech": {"channels": ["2", "0", "1"], "width": 12, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0},
             "head": {"kind": "vae", "norm": "standardised_mean", **VAE},
             "gaze": {"kind": kind, **GAZE[kind]},
-            "guidance_scale": {"head": 1.0, "gaze": 1.0},
             "conditions": [],
             "init_from": None,
             "head_mix": {"truth": 0.5, "posterior": 0.5, "prior": 0.0},

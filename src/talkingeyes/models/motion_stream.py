@@ -61,13 +61,12 @@ class MotionStream:
         self._network, parts = network, StreamingModules.of(network)
         self._stack, self._step = parts.speech, parts.gaze.step_frames
         chosen = float(network.temperature) if temperature is None else temperature
-        self._guidance = network.settings.guidance_scale
-        self._speech = parts.speech.stream()
-        self._mean_speech = None if self._guidance.is_one else parts.speech.stream()
+        # With guidance, the features of mean speech are a second row.
+        self._speech = [parts.speech.stream() for _ in range(1 + network.is_guided)]
         self._head = parts.head.stream(seed)
         self._gaze = parts.gaze.stream(seed, chosen)
         self._frames_to_skip = parts.speech.lookahead  # outputs before the first frame
-        self._pending_features = torch.zeros(2, 0, network.settings.speech.width)  # for head and gaze; less than a step
+        self._pending_features = torch.zeros(len(self._speech), 0, network.settings.speech.width)  # less than a step
 
     @torch.inference_mode()
     def push(self, embedding: Float[Tensor, "T C"]) -> GeneratedMotion:
@@ -89,12 +88,9 @@ class MotionStream:
         if not standardise.shape[1]:
             return concat_motions([])
         frames = standardise[0].numpy()
-        features = torch.from_numpy(self._speech.step(frames))[None]
-        mean = None
-        if self._mean_speech is not None:
-            mean = torch.from_numpy(self._mean_speech.step(np.zeros_like(frames)))[None]
-        guided = self._guidance.apply(features, mean)
-        features = torch.cat([guided.head, guided.gaze])
+        inputs = (frames, np.zeros_like(frames))[: len(self._speech)]  # mean speech is zero
+        pairs = zip(self._speech, inputs, strict=True)
+        features = torch.stack([torch.from_numpy(stream.step(each)) for stream, each in pairs])
         early = min(self._frames_to_skip, features.shape[1])
         self._frames_to_skip -= early
         self._pending_features = torch.cat([self._pending_features, features[:, early:]], dim=1)
@@ -104,10 +100,13 @@ class MotionStream:
             self._pending_features = self._pending_features[:, self._step :]
         return concat_motions(parts)
 
-    def _generate_step(self, speech: Float[Tensor, "2 P S"]) -> GeneratedMotion:
+    def _generate_step(self, speech: Float[Tensor, "V P S"]) -> GeneratedMotion:
         """Motion of one step, or of its beginning at the end of the stream."""
         head = self._head.step(speech[:1])
-        return GeneratedMotion(head, self._gaze.step(GazeCondition(speech[1:], head, self._network.head.normal(head))))
+        mean = speech[1:] if self._network.is_guided else None
+        return GeneratedMotion(
+            head, self._gaze.step(GazeCondition(speech[:1], head, self._network.head.normal(head), mean))
+        )
 
 
 def concat_motions(parts: Sequence[GeneratedMotion]) -> GeneratedMotion:

@@ -36,6 +36,7 @@ from talkingeyes.models.gaze.generator import (
     GazeCondition,
     GazeGenerator,
     GazeLikelihood,
+    GuidedGazeGenerator,
 )
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.head.generator import HEAD_GENERATORS, HeadComponentSettings, HeadGenerator, HeadLikelihood
@@ -67,26 +68,6 @@ class HeadMixSettings(Settings):
         return self
 
 
-class GuidanceScaleSettings(Settings):
-    """Factors on the deviation of speech features from those of mean speech (all standardised channels zero) when
-    motion is sampled; 1: none. They strengthen what speech changes, without training. After Ho & Salimans 2022, who
-    extrapolate the output of a network in place of its features."""
-
-    head: Annotated[float, Field(gt=0)]
-    gaze: Annotated[float, Field(gt=0)]
-
-    @property
-    def is_one(self) -> bool:
-        """Whether features stay as they are."""
-        return self.head == self.gaze == 1
-
-    def apply(self, features: Float[Tensor, "B T S"], mean_speech: Float[Tensor, "B T S"] | None) -> ConditionFeatures:
-        """Features for head and for gaze; those of mean speech are needed unless both scales are 1."""
-        if mean_speech is None:
-            return ConditionFeatures.shared(features)
-        return ConditionFeatures(*(torch.lerp(mean_speech, features, scale) for scale in (self.head, self.gaze)))
-
-
 class SpeechToMotionSettings(Settings):
     """Components of the model. Weights are keyed by loss term (eq. 15)."""
 
@@ -96,7 +77,6 @@ class SpeechToMotionSettings(Settings):
     # The pretrained codebook that the gaze generator needs; null: none.
     tokenizer: str | None
     speech: CausalSpeechProjectionSettings | WaveformSpeechSettings | SpeechProjectionSettings
-    guidance_scale: GuidanceScaleSettings
     # Conditioning besides the own speech: entries of models/condition/, perhaps none.
     conditions: tuple[ConditionSettings, ...]
     head: HeadComponentSettings
@@ -264,7 +244,7 @@ class SpeechToMotion(nn.Module):
             found = self.head.log_likelihood(speech.head, batch.head)
             terms |= {f"head_{name}": value for name, value in found.items()}
         if isinstance(self.gaze, GazeLikelihood):
-            condition = self._gaze_condition(speech.gaze, batch.head)
+            condition = GazeCondition(speech.gaze, batch.head, self.head.normal(batch.head))
             found = self.gaze.log_likelihood(condition, batch.gaze)
             terms |= {f"gaze_{name}": value for name, value in found.items()}
         return terms
@@ -300,9 +280,9 @@ class SpeechToMotion(nn.Module):
         """`generate` for each of several speeches of any lengths; gaze that is sampled step by step in one batch."""
         heads, conditions = [], []
         for each in speeches:
-            features = self._encode_utterance(each.embedding, each.conditioning, len(each.seeds))
-            heads.append(self.head.sample(features.head, each.seeds))
-            conditions.append(self._gaze_condition(features.gaze, heads[-1]))
+            features = self._encode_utterance(each.embedding, each.conditioning)
+            heads.append(self._sample_head(features, each.seeds))
+            conditions.append(self._gaze_condition(features, heads[-1], each.conditioning))
         gazes = self._gaze(conditions, [each.seeds for each in speeches], temperature)
         return [GeneratedMotion(head, gaze) for head, gaze in zip(heads, gazes, strict=True)]
 
@@ -311,7 +291,7 @@ class SpeechToMotion(nn.Module):
         self, embedding: Float[Tensor, "T C"], seeds: list[int], conditioning: ConditioningInputs = NO_CONDITIONING
     ) -> Float[Tensor, "B T 3"]:
         """Sample head motion alone, one row per seed."""
-        return self.head.sample(self._encode_utterance(embedding, conditioning, len(seeds)).head, seeds)
+        return self._sample_head(self._encode_utterance(embedding, conditioning), seeds)
 
     @torch.no_grad()
     def generate_gaze(
@@ -322,23 +302,32 @@ class SpeechToMotion(nn.Module):
         conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Float[Tensor, "B T 2 3"]:
         """Sample gaze for the heads of another model, one row per seed."""
-        speech = self._encode_utterance(embedding, conditioning, len(seeds)).gaze
-        return self._gaze([self._gaze_condition(speech, head.to(speech.device))], [seeds], None)[0]
+        features = self._encode_utterance(embedding, conditioning)
+        condition = self._gaze_condition(features, head.to(features.gaze.device), conditioning)
+        return self._gaze([condition], [seeds], None)[0]
 
-    def _encode_utterance(
-        self, embedding: Float[Tensor, "T C"], conditioning: ConditioningInputs, rows: int
-    ) -> ConditionFeatures:
-        """Features of a whole speech for sampling, with guidance."""
+    def _encode_utterance(self, embedding: Float[Tensor, "T C"], conditioning: ConditioningInputs) -> ConditionFeatures:
+        """Features of a whole speech for sampling, one row."""
         device = self.temperature.device
-        conditioning = conditioning.to(device)
-        features = self._speech_features(embedding[None].to(device), conditioning)
-        scale = self.settings.guidance_scale
-        guided = scale.apply(features, None if scale.is_one else self.speech.mean_features(len(embedding)))
-        one = self._add_conditions(guided, conditioning)
-        return ConditionFeatures(one.head.expand(rows, -1, -1), one.gaze.expand(rows, -1, -1))
+        return self.encode_speech(embedding[None].to(device), conditioning.to(device))
 
-    def _gaze_condition(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> GazeCondition:
-        return GazeCondition(speech, head, self.head.normal(head))
+    def _sample_head(self, features: ConditionFeatures, seeds: list[int]) -> Float[Tensor, "B T 3"]:
+        return self.head.sample(features.head.expand(len(seeds), -1, -1), seeds)
+
+    def _gaze_condition(
+        self, features: ConditionFeatures, head: Float[Tensor, "B T 3"], conditioning: ConditioningInputs
+    ) -> GazeCondition:
+        """The condition of gaze for B heads of one speech."""
+        mean = None
+        if self.is_guided:
+            still = ConditionFeatures.shared(self.speech.mean_features(head.shape[1]))
+            mean = self._add_conditions(still, conditioning.to(head.device)).gaze.expand(len(head), -1, -1)
+        return GazeCondition(features.gaze.expand(len(head), -1, -1), head, self.head.normal(head), mean)
+
+    @property
+    def is_guided(self) -> bool:
+        """Whether sampled gaze is moved away from that of mean speech."""
+        return isinstance(self.gaze, GuidedGazeGenerator) and self.gaze.is_guided
 
     def _gaze(
         self, conditions: Sequence[GazeCondition], seeds: Sequence[list[int]], temperature: float | None

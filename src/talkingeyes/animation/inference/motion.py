@@ -21,7 +21,13 @@ from talkingeyes.corpus.samples import Samples
 from talkingeyes.models.gaze.saccade_rendering import SEED_OFFSET, eyes_towards, render_saccades
 from talkingeyes.models.head.pose_interpolation import EXTRA_BINS, interpolate_poses
 from talkingeyes.models.layers.numpy_layers import Tensors, tensors_under
-from talkingeyes.models.layers.numpy_point_process import SampledEvents, Sampler, SamplerWeights
+from talkingeyes.models.layers.numpy_point_process import (
+    NO_GUIDANCE,
+    Guidance,
+    SampledEvents,
+    Sampler,
+    SamplerWeights,
+)
 
 
 def can_generate_motion(config: Mapping[str, Any]) -> bool:
@@ -49,20 +55,25 @@ class _Process:
     numbers: int
 
     @classmethod
-    def of(cls, tensors: Tensors, settings: Mapping[str, Any], temperature: float) -> _Process:
+    def of(
+        cls, tensors: Tensors, settings: Mapping[str, Any], temperature: float, guidance: Guidance = NO_GUIDANCE
+    ) -> _Process:
         weights, bin_frames = SamplerWeights.of(tensors), bounded(settings["bin_frames"])
         stack = ConvolutionStack(tensors, "condition_encoder", settings)
         for name in ("absolute_components", "previous_steps", "previous_locations"):
             if settings[name] != getattr(weights, name):
                 raise ValueError(f"{name}: should be {getattr(weights, name)} as in the tensors, got {settings[name]}")
-        return cls(stack, Sampler(weights, temperature), bin_frames, weights.means.shape[1] + 3)
+        return cls(stack, Sampler(weights, temperature, guidance), bin_frames, weights.means.shape[1] + 3)
 
-    def sample(self, condition: Float[ndarray, "_ T C"], seeds: list[int], extra_bins: int = 0) -> SampledEvents:
-        """Sample events, one row per seed, for one condition per row or one for all rows."""
-        binned = bin_means(condition, self.bin_frames, extra_bins)
-        count = binned.shape[1]
+    def sample(self, variants: list[Float[ndarray, "_ T C"]], seeds: list[int], extra_bins: int = 0) -> SampledEvents:
+        """Sample events, one row per seed, for one condition per row or one for all rows.
+
+        `variants`: the condition, and with guidance that of mean speech.
+        """
+        binned = [bin_means(condition, self.bin_frames, extra_bins) for condition in variants]
+        count = binned[0].shape[1]
         noise = np.stack([uniform(seed, count * self.numbers).reshape(count, self.numbers) for seed in seeds])
-        return self.sampler.sample(self.encode(binned), noise)
+        return self.sampler.sample(np.stack([self.encode(each) for each in binned]), noise)
 
 
 class NumpyMotionGenerator:
@@ -74,13 +85,14 @@ class NumpyMotionGenerator:
         model, tensors = checkpoint.config["model"], checkpoint.tensors
         self.speakers: tuple[str, ...] = tuple(checkpoint.config["speakers"]) if model["conditions"] else ()
         self._scales = model["conditions"][0]["embedding_scale"] if model["conditions"] else None
-        self._guidance_scale = {part: np.float32(model["guidance_scale"][part]) for part in ("head", "gaze")}
+        guidance = Guidance.model_validate(model["gaze"]["guidance"])
+        self._is_guided = not guidance.is_one
         self._tensors, self._speech = tensors, SpeechProjection(tensors, model["speech"])
         self._head = _Process.of(
             tensors_under(tensors, "head.process"), model["head"]["process"], model["head"]["temperature"]
         )
         self._gaze = _Process.of(
-            tensors_under(tensors, "gaze.process"), model["gaze"]["process"], float(tensors["temperature"])
+            tensors_under(tensors, "gaze.process"), model["gaze"]["process"], float(tensors["temperature"]), guidance
         )
         self._fps: float = model["gaze"]["fps"]
         self.generate(np.zeros((2, len(tensors["speech.mean"])), np.float32), [0], self._fps)
@@ -90,13 +102,10 @@ class NumpyMotionGenerator:
     ) -> Samples:
         """Sample head and gaze; `speaker` is an index of `speakers`, None: unconditional. A seed gives the same motion
         in any batch."""
-        speech, mean = self._speech(embedding), self._speech.mean_features(len(embedding))
-        conditions = {
-            part: self._with_speaker(mean + scale * (speech - mean), speaker, part)
-            for part, scale in self._guidance_scale.items()
-        }
-        head = self._sample_head(conditions["head"], seeds)
-        gaze = self._sample_gaze(conditions["gaze"], head, seeds)
+        speech = self._speech(embedding)
+        head = self._sample_head(self._with_speaker(speech, speaker, "head"), seeds)
+        variants = [speech, self._speech.mean_features(len(embedding))] if self._is_guided else [speech]
+        gaze = self._sample_gaze([self._with_speaker(each, speaker, "gaze") for each in variants], head, seeds)
         return Samples(fps, head.astype(float), gaze.astype(float))
 
     def _with_speaker(self, speech: Float[ndarray, "1 T S"], speaker: int | None, part: str) -> Float[ndarray, "1 T F"]:
@@ -113,18 +122,20 @@ class NumpyMotionGenerator:
         return np.concatenate([speech, np.broadcast_to(vector, (1, speech.shape[1], len(vector)))], axis=-1)
 
     def _sample_head(self, speech: Float[ndarray, "1 T S"], seeds: list[int]) -> Float[ndarray, "B T 3"]:
-        sampled = self._head.sample(speech, seeds, EXTRA_BINS)
+        sampled = self._head.sample([speech], seeds, EXTRA_BINS)
         poses = interpolate_poses(sampled.event, sampled.location, self._head.bin_frames)
         filtered = equalise(poses, self._tensors["head.equaliser.taps"])[:, : speech.shape[1]].astype(np.float32)
         return np.asarray(filtered * self._tensors["head.normal.scale"] + self._tensors["head.normal.mean"])
 
     def _sample_gaze(
-        self, speech: Float[ndarray, "1 T S"], head: Float[ndarray, "B T 3"], seeds: list[int]
+        self, variants: list[Float[ndarray, "1 T S"]], head: Float[ndarray, "B T 3"], seeds: list[int]
     ) -> Float[ndarray, "B T 2 3"]:
         tensors, bin_frames = self._tensors, self._gaze.bin_frames
         normal = (head - tensors["head.normal.mean"]) / tensors["head.normal.scale"]
-        both = np.concatenate([np.broadcast_to(speech, (len(head), *speech.shape[1:])), normal], axis=-1)
-        sampled = self._gaze.sample(both, [seed + SEED_OFFSET for seed in seeds])
+        conditions = [
+            np.concatenate([np.broadcast_to(each, (len(head), *each.shape[1:])), normal], axis=-1) for each in variants
+        ]
+        sampled = self._gaze.sample(conditions, [seed + SEED_OFFSET for seed in seeds])
         starts_s = (np.arange(sampled.event.shape[1]) + sampled.phase) * bin_frames / self._fps
         directions = np.asarray(sampled.location * tensors["gaze.scale"] + tensors["gaze.centre"], float)
         times_s = np.arange(head.shape[1]) / self._fps

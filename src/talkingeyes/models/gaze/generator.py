@@ -37,12 +37,14 @@ class GazeCondition:
     """Inputs of a gaze generator. `head` is in radians; `normalised_head`, the input of the networks, is in standard
     deviations.
 
-    In training, `normalised_head` may be a reconstruction of `head`.
+    In training, `normalised_head` may be a reconstruction of `head`. `mean_speech`, for guidance, is `speech` of mean
+    speech (all standardised channels zero) with the same further conditions.
     """
 
     speech: Float[Tensor, "B T S"]
     head: Float[Tensor, "B T 3"]
     normalised_head: Float[Tensor, "B T 3"]
+    mean_speech: Float[Tensor, "B T S"] | None = None
 
 
 class GazeGenerator(Protocol):
@@ -74,6 +76,16 @@ class BatchedGazeGenerator(Protocol):
         self, conditions: Sequence[GazeCondition], seeds: Sequence[list[int]], temperature: float
     ) -> list[Float[Tensor, "_ _ 2 3"]]:
         """`sample` for each of several conditions of any lengths, in one batch."""
+        ...
+
+
+@runtime_checkable
+class GuidedGazeGenerator(Protocol):
+    """Further member of a gaze generator whose samples can be moved away from those for mean speech."""
+
+    @property
+    def is_guided(self) -> bool:
+        """Whether sampling needs `mean_speech`."""
         ...
 
 

@@ -8,7 +8,7 @@ rate. A process without lookahead (conf/model/talkingeyes_live.yaml) can be samp
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -24,7 +24,7 @@ from talkingeyes.models.gaze.generator import GazeCondition, uniform_noise
 from talkingeyes.models.gaze.saccade_rendering import SEED_OFFSET, SaccadeSequence, eyes_towards, render_saccades
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.convolution import CausalConvolutionStack
-from talkingeyes.models.layers.numpy_point_process import SamplerState
+from talkingeyes.models.layers.numpy_point_process import Guidance, SamplerState
 from talkingeyes.models.layers.point_process import (
     CausalPointProcessSettings,
     EventSequence,
@@ -46,6 +46,8 @@ class PointProcessGazeSettings(ComponentSettings):
 
     kind: Literal["point_process"]
     fps: Annotated[float, Field(gt=0)]
+    # What speech changes is strengthened in sampling, by these factors (docs/log/2026-11-25-guidance.md).
+    guidance: Guidance
     # Standard deviation of the noise on yaw and pitch of fixations in the training data; samples are free of it.
     observation_noise_deg: Annotated[float, Field(ge=0)]
     process: CausalPointProcessSettings | PointProcessSettings
@@ -70,7 +72,7 @@ class PointProcessGaze(nn.Module):
         super().__init__()
         self.register_buffer("scale", torch.ones(()))
         self.register_buffer("centre", torch.zeros(len(LOCATION_SPREAD)))
-        self.fps, self.bin_frames = settings.fps, settings.process.bin_frames
+        self.fps, self.bin_frames, self.guidance = settings.fps, settings.process.bin_frames, settings.guidance
         self._observation_noise_rad = float(np.radians(settings.observation_noise_deg))
         self.process = PointProcess(settings.process, speech + 3, LOCATION_SPREAD)
 
@@ -101,17 +103,29 @@ class PointProcessGaze(nn.Module):
     @torch.no_grad()
     def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Sample fixations bin by bin and render them to frames."""
-        binned_condition = self.binned_condition(condition)
+        binned_condition, *neutral = map(self.binned_condition, self.variants(condition))
         count = binned_condition.shape[1]
         uniform = (
             uniform_noise(seeds, count * (len(LOCATION_SPREAD) + 3)).reshape(len(seeds), count, -1).to(binned_condition)
         )
-        sampled = sample_events(self.process, binned_condition, uniform, temperature)
+        sampled = sample_events(self.process, binned_condition, uniform, temperature, self.guidance, *neutral)
         times_s = np.arange(condition.speech.shape[1]) / self.fps
         starts_s = (np.arange(count) + sampled.phase) * self.bin_frames / self.fps
         return _eyes(
             condition.head, render_saccades(sampled.event, starts_s, self.to_radians(sampled.location), times_s)
         )
+
+    @property
+    def is_guided(self) -> bool:
+        """Whether sampling needs `mean_speech`."""
+        return not self.guidance.is_one
+
+    def variants(self, condition: GazeCondition) -> list[GazeCondition]:
+        """The condition, and with guidance that of mean speech."""
+        if not self.is_guided:
+            return [condition]
+        assert condition.mean_speech is not None
+        return [condition, replace(condition, speech=condition.mean_speech)]
 
     @property
     def step_frames(self) -> int:
@@ -166,8 +180,9 @@ class PointProcessGazeStream:
 
     def __init__(self, gaze: PointProcessGaze, seed: int, temperature: float) -> None:
         assert isinstance(gaze.process.condition_encoder, CausalConvolutionStack)
-        self._gaze, self._sampler = gaze, make_sampler(gaze.process, temperature)
-        self._condition_encoder = gaze.process.condition_encoder.stream()
+        self._gaze, self._sampler = gaze, make_sampler(gaze.process, temperature, gaze.guidance)
+        encoder = gaze.process.condition_encoder
+        self._condition_encoders = [encoder.stream() for _ in range(1 + gaze.is_guided)]  # of `variants`
         self._uniform = torch.Generator().manual_seed(seed + SEED_OFFSET)
         self._bin = 0
         self._run: SamplerState | None = None
@@ -177,7 +192,9 @@ class PointProcessGazeStream:
         """Frames of the next bin; fewer at the end of the stream."""
         gaze = self._gaze
         uniform = torch.rand(1, len(LOCATION_SPREAD) + 3, generator=self._uniform).numpy()
-        encoded_condition = self._condition_encoder.step(gaze.binned_condition(condition)[0].numpy())
+        binned = [gaze.binned_condition(each)[0].numpy() for each in gaze.variants(condition)]
+        pairs = zip(self._condition_encoders, binned, strict=True)
+        encoded_condition = np.stack([encoder.step(each) for encoder, each in pairs])
         if self._run is None or self._chain is None:
             self._run = self._sampler.begin(encoded_condition, uniform)
             self._chain = SaccadeSequence(gaze.to_radians(self._run.location[0]))

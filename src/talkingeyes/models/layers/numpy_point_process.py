@@ -3,18 +3,25 @@
 Every event changes the distribution of the next, so sampling is a loop of small steps, in which a call of torch costs
 more than its arithmetic. In numpy, sampling takes a fraction of the time (docs/log.md). The formulas are those of
 training; tests/test_point_process_sampler.py compares each sample with them. Constants that both share are here.
+
+Guidance (Ho & Salimans 2022) strengthens what the condition changes, in sampling alone: the log-odds of an event and
+the log-probabilities of the mixture are extrapolated from those under a neutral condition. Arrays have an axis of
+variants first: the condition, and with guidance the neutral one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
+from pydantic import Field
 from scipy.special import expit, ndtri
 
+from talkingeyes.core.settings import Settings
 from talkingeyes.models.layers.numpy_layers import NumpyGRU, NumpyLinear, Tensors, gelu
 
 MIN_STEP = 0.05  # in units of the scale: the direction of shorter steps shrinks to zero
@@ -28,6 +35,22 @@ MIN_VARIANCE_RATIO = 0.05  # lower bound of denoised to learned variance
 MAX_BLOCK_BINS, BLOCK_MEAN_GAPS = 16, 2.0
 
 
+class Guidance(Settings):
+    """Factors on what the condition changes in the log-odds of an event (`time`) and in the log-probabilities of the
+    mixture's components (`location`); 1: none."""
+
+    time: Annotated[float, Field(gt=0)]
+    location: Annotated[float, Field(gt=0)]
+
+    @property
+    def is_one(self) -> bool:
+        """Whether samples are as the network has learned them."""
+        return self.time == self.location == 1
+
+
+NO_GUIDANCE = Guidance(time=1.0, location=1.0)
+
+
 @dataclass(frozen=True)
 class SampledEvents:
     """Samples of N bins: whether there is an event, its phase within the bin (0 to 1), and the location since then."""
@@ -39,10 +62,10 @@ class SampledEvents:
 
 @dataclass
 class SamplerState:
-    """State between two bins: the state of the RNN, the present location, the encodings of the last S steps, the bins
+    """State between two bins: the states of the RNN, the present location, the encodings of the last S steps, the bins
     since the last event, and the last R locations."""
 
-    state: Float[ndarray, "B W"]
+    state: Float[ndarray, "V B W"]
     location: Float[ndarray, "B D"]
     longest_dwell_location: Float[
         ndarray, "B D"
@@ -118,6 +141,7 @@ class Sampler:
         self,
         weights: SamplerWeights,
         temperature: float,
+        guidance: Guidance = NO_GUIDANCE,
         activation: Callable[[Float[ndarray, "*N"]], Float[ndarray, "*N"]] = gelu,
     ) -> None:
         """`temperature` scales the mixture logits and the Gaussians; `activation` is an implementation of GELU."""
@@ -143,22 +167,22 @@ class Sampler:
         self.candidate, self.known, self.score = (
             NumpyLinear(tensors, f"revisits.{name}") for name in ("candidate", "known", "score")
         )
-        self.sds, self.return_sd, self.gelu = weights.sds, weights.return_sd, activation
+        self.sds, self.return_sd, self.gelu, self.guidance = weights.sds, weights.return_sd, activation, guidance
 
-    def sample(self, encoded_condition: Float[ndarray, "_ N W"], uniform: Float[ndarray, "B N U"]) -> SampledEvents:
+    def sample(self, encoded_condition: Float[ndarray, "V _ N W"], uniform: Float[ndarray, "B N U"]) -> SampledEvents:
         """Sample all bins, from event to event; one condition for all rows or one per row.
 
         Between two events, the hazard depends only on the condition and the age, so several bins are evaluated
         together. The result equals that of `begin` and `advance`.
         """
         # Beyond the last bin the condition is zero and no event can happen.
-        entered = np.pad(encoded_condition @ self.condition_weight, ((0, 0), (0, MAX_BLOCK_BINS), (0, 0)))
+        entered = np.pad(encoded_condition @ self.condition_weight, ((0, 0), (0, 0), (0, MAX_BLOCK_BINS), (0, 0)))
         least = np.pad(uniform[..., 0], ((0, 0), (0, MAX_BLOCK_BINS)), constant_values=2.0)
         batch, count = uniform.shape[:2]
         encoded_condition, entered = (
-            np.broadcast_to(each, (batch, *each.shape[1:])) for each in (encoded_condition, entered)
+            np.broadcast_to(each, (len(each), batch, *each.shape[2:])) for each in (encoded_condition, entered)
         )
-        run = self.begin(encoded_condition[:, 0], uniform[:, 0])
+        run = self.begin(encoded_condition[:, :, 0], uniform[:, 0])
         event, location = np.zeros((batch, count), bool), np.zeros((batch, count, run.location.shape[1]), np.float32)
         event[:, 0], location[:, 0] = True, run.location
         at = np.zeros(batch, int)  # last sampled bin of each row
@@ -166,7 +190,7 @@ class Sampler:
         while len(rows := np.flatnonzero(at < count - 1)):
             ahead = np.arange(1, block_bins + 1)
             bins = at[rows, None] + ahead
-            features = self._features(run, rows, entered[rows[:, None], bins], run.age[rows, None] + ahead)
+            features = self._features(run, rows, entered[:, rows[:, None], bins], run.age[rows, None] + ahead)
             happens = least[rows[:, None], bins] < self._hazard(features)
             moved = happens.any(1)
             first = np.where(moved, happens.argmax(1), block_bins - 1)
@@ -174,21 +198,20 @@ class Sampler:
             run.age[rows] += first + 1
             if len(new := rows[moved]):
                 where = at[new]
-                self._move(
-                    run, new, features[moved, first[moved]], encoded_condition[new, where], uniform[new, where, 2:]
-                )
+                at_event = features[:, moved, first[moved]]
+                self._move(run, new, at_event, encoded_condition[:, new, where], uniform[new, where, 2:])
                 event[new, where], location[new, where] = True, run.location[new]
                 events += len(new)
                 block_bins = min(1 + int(BLOCK_MEAN_GAPS * at.sum() / events), MAX_BLOCK_BINS)
         since = np.maximum.accumulate(np.where(event, np.arange(count), 0), axis=1)
         return SampledEvents(event, uniform[..., 1], np.take_along_axis(location, since[..., None], axis=1))
 
-    def begin(self, encoded_condition: Float[ndarray, "B W"], uniform: Float[ndarray, "B U"]) -> SamplerState:
+    def begin(self, encoded_condition: Float[ndarray, "V B W"], uniform: Float[ndarray, "B U"]) -> SamplerState:
         """State after the first bin, which always holds an event."""
-        batch, numbers = len(encoded_condition), self.ar_coefficients.shape[1]
+        (variants, batch), numbers = encoded_condition.shape[:2], self.ar_coefficients.shape[1]
         still = np.repeat(_encode_step(np.zeros((batch, numbers), np.float32))[:, None], self.previous_steps, axis=1)
         run = SamplerState(
-            np.repeat(self.start[None], batch, axis=0),
+            np.tile(self.start, (variants, batch, 1)),
             np.zeros((batch, numbers), np.float32),
             np.zeros((batch, numbers), np.float32),
             still,
@@ -197,65 +220,63 @@ class Sampler:
             np.zeros((batch, self.previous_locations), np.float32),
         )
         rows = np.arange(batch)
-        features = self._features(run, rows, (encoded_condition @ self.condition_weight)[:, None], run.age[:, None])[
-            :, 0
-        ]
-        self._move(run, rows, features, encoded_condition, uniform[:, 2:])
+        self._move(run, rows, self._bin_features(run, encoded_condition), encoded_condition, uniform[:, 2:])
         return run
 
     def advance(
-        self, run: SamplerState, encoded_condition: Float[ndarray, "B W"], uniform: Float[ndarray, "B U"]
+        self, run: SamplerState, encoded_condition: Float[ndarray, "V B W"], uniform: Float[ndarray, "B U"]
     ) -> Bool[ndarray, " B"]:
         """Sample one more bin, as streaming needs it, and update the state. Returns the rows with an event."""
         run.age += 1
-        every = np.arange(len(encoded_condition))
-        features = self._features(run, every, (encoded_condition @ self.condition_weight)[:, None], run.age[:, None])[
-            :, 0
-        ]
+        features = self._bin_features(run, encoded_condition)
         event: Bool[ndarray, " B"] = uniform[:, 0] < self._hazard(features)
         if len(rows := np.flatnonzero(event)):
-            self._move(run, rows, features[rows], encoded_condition[rows], uniform[rows, 2:])
+            self._move(run, rows, features[:, rows], encoded_condition[:, rows], uniform[rows, 2:])
         return event
 
+    def _bin_features(self, run: SamplerState, encoded_condition: Float[ndarray, "V B W"]) -> Float[ndarray, "V B W"]:
+        """Features of one bin of all rows."""
+        entered = (encoded_condition @ self.condition_weight)[:, :, None]
+        return self._features(run, np.arange(len(run.age)), entered, run.age[:, None])[:, :, 0]
+
     def _features(
-        self, run: SamplerState, rows: Int[ndarray, " S"], entered: Float[ndarray, "S N W"], age: Int[ndarray, "S N"]
-    ) -> Float[ndarray, "S N W"]:
+        self, run: SamplerState, rows: Int[ndarray, " S"], entered: Float[ndarray, "V S N W"], age: Int[ndarray, "S N"]
+    ) -> Float[ndarray, "V S N W"]:
         """Features of N bins of some rows; `entered` is the projected condition."""
         location = run.location[rows]
         step_encodings = run.step_encodings[rows].reshape(len(rows), -1)
-        known = (
-            np.concatenate(
-                [run.state[rows], location, location - run.longest_dwell_location[rows], step_encodings], axis=1
-            )
-            @ self.history_weight
-        )
-        entered = entered + (known + self.input_bias)[:, None] + self.age[np.minimum(age, len(self.age) - 1)]
+        places = np.concatenate([location, location - run.longest_dwell_location[rows], step_encodings], axis=1)
+        state = run.state[:, rows]
+        known = np.concatenate([state, np.broadcast_to(places, (*state.shape[:2], places.shape[1]))], axis=2)
+        known = known @ self.history_weight
+        entered = entered + (known + self.input_bias)[:, :, None] + self.age[np.minimum(age, len(self.age) - 1)]
         return self.gelu(self.trunk(self.gelu(entered)))
 
-    def _hazard(self, features: Float[ndarray, "*N W"]) -> Float[ndarray, "*N"]:
-        return np.asarray(expit(self.hazard(features)[..., 0]))
+    def _hazard(self, features: Float[ndarray, "V *N W"]) -> Float[ndarray, "*N"]:
+        return np.asarray(expit(_extrapolate(self.hazard(features)[..., 0], self.guidance.time)))
 
     def _move(
         self,
         run: SamplerState,
         rows: Int[ndarray, " S"],
-        features: Float[ndarray, "S W"],
-        encoded_condition: Float[ndarray, "S W"],
+        features: Float[ndarray, "V S W"],
+        encoded_condition: Float[ndarray, "V S W"],
         uniform: Float[ndarray, "S U"],
     ) -> None:
         """Sample the location of an event in some rows and update their state."""
         old = run.location[rows]
         new = self._place(run, rows, features, uniform)
         since = np.log1p(run.age[rows, None].astype(np.float32))
-        event = np.concatenate([new, new - old, since, encoded_condition], axis=1)
-        run.state[rows] = self.history_rnn(event, run.state[rows])
+        event = np.concatenate([new, new - old, since], axis=1)
+        for state, condition in zip(run.state, encoded_condition, strict=True):
+            state[rows] = self.history_rnn(np.concatenate([event, condition], axis=1), state[rows])
         run.move_to(rows, new)
 
     def _place(
         self,
         run: SamplerState,
         rows: Int[ndarray, " S"],
-        features: Float[ndarray, "S W"],
+        features: Float[ndarray, "V S W"],
         uniform: Float[ndarray, "S U"],
     ) -> Float[ndarray, "S D"]:
         """Sample a location: first the mixture component, then a point of its Gaussian."""
@@ -264,7 +285,7 @@ class Sampler:
         which = np.minimum(chosen, len(self.ar_coefficients) - 1)
         centre, sd = self.means[which], self.sds[which]
         if self.shift_and_scale is not None:
-            adapted = np.where(which[:, None] >= self.absolute_components, self.shift_and_scale(features), 0)
+            adapted = np.where(which[:, None] >= self.absolute_components, self.shift_and_scale(features[0]), 0)
             size = np.exp(adapted[:, -1:].clip(-MAX_LOG_SCALE, MAX_LOG_SCALE))
             centre, sd = adapted[:, :-1] + size * centre, size * sd
         centre = centre + self.ar_coefficients[which] * run.location[rows]
@@ -275,18 +296,28 @@ class Sampler:
         return np.asarray(np.where(returns, back, centre) + np.float32(self.temperature) * normal * sd)
 
     def logits(
-        self, run: SamplerState, rows: Int[ndarray, " S"], features: Float[ndarray, "S W"]
+        self, run: SamplerState, rows: Int[ndarray, " S"], features: Float[ndarray, "V S W"]
     ) -> Float[ndarray, "S M"]:
-        """Logits of the Gaussians, followed by those of the previous locations."""
+        """Logits of the Gaussians, followed by those of the previous locations, with guidance."""
         previous_locations, dwell_bins = run.previous_locations[rows], run.dwell_bins[rows]
         away, off = (
             previous_locations - run.location[rows, None],
             previous_locations - run.longest_dwell_location[rows, None],
         )
         candidate = self.candidate(np.concatenate([away, off, np.log1p(dwell_bins)[..., None]], axis=-1))
-        candidate += self.recency + self.known(features)[:, None]
-        scored = self.score(self.gelu(candidate))[..., 0]
-        return np.concatenate([self.mixture_logits(features), np.where(dwell_bins > 0, scored, MASKED_LOGIT)], axis=1)
+        scored = self.score(self.gelu(candidate + self.recency + self.known(features)[:, :, None]))[..., 0]
+        logits = np.concatenate([self.mixture_logits(features), scored], axis=2)
+        guided = _extrapolate(logits, self.guidance.location)
+        missing = np.pad(dwell_bins == 0, ((0, 0), (guided.shape[1] - dwell_bins.shape[1], 0)))
+        return np.where(missing, np.float32(MASKED_LOGIT), guided)
+
+
+def _extrapolate(values: Float[ndarray, _ * N], factor: float) -> Float[ndarray, "*N"]:
+    """Values under the condition, moved away from those under the neutral one if they are given."""
+    if len(values) == 1:
+        return np.asarray(values[0])
+    given, neutral = values
+    return np.asarray(neutral + np.float32(factor) * (given - neutral))
 
 
 def _sample_categories(

@@ -1,14 +1,14 @@
-"""How gaze depends on the guidance scale: what speech tells about it, its amount and its spread, for trained models.
+"""How gaze depends on its guidance: what speech tells about it, its amount and its spread, for trained models.
 
 Run     python -m pipelines.experiment experiment=development target=embed    (once)
         python -m benchmarks.guidance_scale [MODEL ...]    (folders of the train stage or packed files; by default the
         packaged models and data/train/talkingeyes_events)
 Reads   build/development/data: synthesize, embed; the models
-Writes  a row of the true motion, then a table for each model with a row for each scale of SCALES
+Writes  a row of the true motion, then a table for each model with a row for each of GUIDANCE: time / location
 
-The corpus has people and sounds that no model was trained on and no report reads, so that a scale can be chosen by it.
+The corpus has people and sounds that no model was trained on and no report reads, so that guidance can be chosen by it.
 A model that takes the speaker gets a random training speaker for each sound, as in the stage `sample`. Its settings say
-which scale it has; all others are tried by the same weights.
+which guidance it has; all others are tried by the same weights.
 """
 
 from __future__ import annotations
@@ -35,14 +35,15 @@ from talkingeyes.evaluation.benchmark.paired import sample_behaviours
 from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.paper_metrics.table3 import markdown_row
-from talkingeyes.models.speech_to_motion import GuidanceScaleSettings
+from talkingeyes.models.gaze.point_process import PointProcessGaze
+from talkingeyes.models.layers.numpy_point_process import Guidance
 from talkingeyes.orchestration.run import parallel_map, run_command
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
 from talkingeyes.training.motion_generators import NetworkGenerator, load_generator, required_inputs, training_speakers
 
 DATA = Path("build/development/data")
 MODELS = (PACKAGED_MODEL, PACKAGED_LIVE_MODEL, Path("data/train/talkingeyes_events"))
-SCALES = (1.0, 1.25, 1.5, 1.75, 2.0, 2.5)
+GUIDANCE = ((1.0, 1.0), (1.0, 1.5), (1.5, 1.5), (1.5, 2.0), (1.5, 2.5), (2.0, 2.0), (2.0, 2.5), (2.5, 2.5))
 SAMPLES = 2
 METRIC_NAMES = (
     "speech_onset/rise",
@@ -73,13 +74,13 @@ def measure(corpus: Corpus, clip: Clip, samples: Samples) -> SoundGaze:
     return SoundGaze(sound_aversion(clip.speaker, motions), extract(motions))
 
 
-def sampled(data: Path, model: Path, scale: float) -> list[SoundGaze]:
-    """Measure samples of a model for every sound; the seeds are the same for all models and scales."""
+def sampled(data: Path, model: Path, factors: tuple[float, float]) -> list[SoundGaze]:
+    """Measure samples of a model for every sound; the seeds are the same for all models and factors."""
     generator, corpus = load_generator(model), Corpus(data / "synthesize")
-    if not isinstance(generator, NetworkGenerator):
-        raise InputError(f"{model}: should be a model of head and gaze with a network, got another")
-    guidance = GuidanceScaleSettings(head=1.0, gaze=scale)
-    generator.network.settings = generator.network.settings.model_copy(update={"guidance_scale": guidance})
+    if not isinstance(generator, NetworkGenerator) or not isinstance(generator.network.gaze, PointProcessGaze):
+        raise InputError(f"{model}: should be a model of head and gaze with events of gaze, got another")
+    time, location = factors
+    generator.network.gaze.guidance = Guidance(time=time, location=location)
     paths = ConditioningPaths(corpus, data / "embed")
     conditions = ConditioningProvider(required_inputs(generator), training_speakers(generator), (), paths)
     found = []
@@ -124,10 +125,9 @@ def main() -> None:
         for path in [Path(each) for each in sys.argv[1:]] or MODELS:
             model = path if path.is_dir() else stack.enter_context(open_model(path))
             print(f"\n{path.name}")
-            for scale, sounds in zip(
-                SCALES, parallel_map(partial(sampled, DATA, model), SCALES, JOBS, path.name), strict=True
-            ):
-                print_row(f"{scale:g}", sounds)
+            measured = parallel_map(partial(sampled, DATA, model), GUIDANCE, JOBS, path.name)
+            for (time, location), sounds in zip(GUIDANCE, measured, strict=True):
+                print_row(f"{time:g} / {location:g}", sounds)
 
 
 if __name__ == "__main__":
