@@ -1,7 +1,7 @@
 """How gaze depends on its guidance: what speech tells about it, its amount and its spread, for trained models.
 
 Run     python -m pipelines.experiment experiment=development target=embed    (once)
-        python -m benchmarks.guidance_scale [MODEL ...]    (folders of the train stage or packed files; by default the
+        python -m benchmarks.guidance [MODEL ...]    (folders of the train stage or packed files; by default the
         packaged models and data/train/talkingeyes_events)
 Reads   build/development/data: synthesize, embed; the models
 Writes  a row of the true motion, then a table for each model with a row for each of GUIDANCE: time / location
