@@ -46,7 +46,7 @@ class PointProcessGazeSettings(ComponentSettings):
 
     kind: Literal["point_process"]
     fps: Annotated[float, Field(gt=0)]
-    # What speech changes is strengthened in sampling, by these factors (docs/log/2026-11-25-guidance.md).
+    # Strengthens what speech changes, in sampling alone (docs/log/2026-11-26-guidance-of-probabilities.md).
     guidance: Guidance
     # Standard deviation of the noise on yaw and pitch of fixations in the training data; samples are free of it.
     observation_noise_deg: Annotated[float, Field(ge=0)]

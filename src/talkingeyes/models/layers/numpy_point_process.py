@@ -144,7 +144,10 @@ class Sampler:
         guidance: Guidance = NO_GUIDANCE,
         activation: Callable[[Float[ndarray, "*N"]], Float[ndarray, "*N"]] = gelu,
     ) -> None:
-        """`temperature` scales the mixture logits and the Gaussians; `activation` is an implementation of GELU."""
+        """`temperature` scales the mixture logits and the Gaussians; `activation` is an implementation of GELU.
+
+        `guidance` acts if conditions have two variants.
+        """
         tensors = weights.tensors
         self.means, ar_coefficients = weights.means, tensors["ar_coefficients"]
         (width,), (count, numbers) = tensors["start"].shape, self.means.shape
