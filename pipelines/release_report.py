@@ -27,7 +27,7 @@ from talkingeyes.animation.face import find_face_model
 from talkingeyes.animation.model_file import ASSETS, PACKAGED_LIVE_MODEL, PACKAGED_MODEL, open_model
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
-from talkingeyes.corpus.sound_groups import group_sounds
+from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.benchmark.corr import TITLES as CORR_TITLES
 from talkingeyes.evaluation.benchmark.partner_gaze import CURVES
@@ -80,7 +80,7 @@ def run() -> None:
     benchmarks = {
         name: from_json(json.loads(workspace.data("evaluate", name, "benchmark.json").read_text())) for name in rows
     }
-    languages = _language_table(workspace, workspace.settings("validate", ValidateSettings))
+    languages = _language_table(workspace)
     aversions = {name: json.loads(workspace.data("evaluate", name, "aversion.json").read_text()) for name in rows}
     required = {
         name: [
@@ -123,10 +123,15 @@ def _link(place: Path, target: Path) -> None:
     place.symlink_to(target.resolve())
 
 
-def _language_table(workspace: Workspace, settings: ValidateSettings) -> str:
+def _sounds(workspace: Workspace) -> list[SoundGroup]:
+    seed = workspace.settings("validate", ValidateSettings).seed
+    return group_sounds(Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed"), (SPLIT,), 1, seed)
+
+
+def _language_table(workspace: Workspace) -> str:
     """The default model by language: Corr. under the own sound less that under other sounds."""
-    data, name = workspace.data, next(iter(MODELS))
-    sounds = group_sounds(Corpus(workspace.corpus), data("fit"), data("embed"), (SPLIT,), 1, settings.seed)
+    data, settings = workspace.data, workspace.settings("validate", ValidateSettings)
+    name, sounds = next(iter(MODELS)), _sounds(workspace)
     critic = data("critic")
     paths = evaluate.InputPaths(
         name, workspace.corpus, data("fit"), data("embed"), critic, data("sample", name), benchmark_samples=1
@@ -147,8 +152,7 @@ def _language_table(workspace: Workspace, settings: ValidateSettings) -> str:
 def _face_table(workspace: Workspace, training: Workspace, name: str) -> str:
     """The packaged face by language, each value beside that of fitted motion."""
     data, settings = workspace.data, workspace.settings("validate", ValidateSettings)
-    groups = group_sounds(Corpus(workspace.corpus), data("fit"), data("embed"), (SPLIT,), 1, settings.seed)
-    sounds = [group.takes for group in groups]
+    sounds = [group.takes for group in _sounds(workspace)]
     languages = [takes[0].language for takes in sounds]
     measured = {}
     for row in (name, "fitted"):
@@ -209,7 +213,8 @@ Corr. under a sound's own samples less that under other sounds of the speaker.
 
 ### The face by language
 
-Packaged model / fitted motion. Faces of other clips have 0.15 of the emotions and 0.36 of the lips closed.
+Packaged model / fitted motion; emotions are classified as in the English chain. Chance of an emotion is 0.125; in
+docs/face_table.md, another corpus, faces of other clips close 0.36 of the lips.
 
 {faces}
 

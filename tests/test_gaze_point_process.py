@@ -101,32 +101,32 @@ def condition(frames: int) -> GazeCondition:
 
 @pytest.mark.parametrize(("frames", "factor"), [(1, 1.0), (2, 1.0), (101, 1.0), (101, 2.0)])
 def test_stream_equals_samples_of_the_whole(frames: int, factor: float) -> None:
-    made, told = gaze(factor, factor + 0.5 * (factor > 1), lookahead=0), condition(frames)
-    expected = made.sample(told, [7], 1.0)
+    made, given = gaze(factor, factor + 0.5 * (factor > 1), lookahead=0), condition(frames)
+    expected = made.sample(given, [7], 1.0)
     stream, parts = made.stream(7, 1.0), []
     with torch.no_grad():
         for first in range(0, frames, made.step_frames):
             now = slice(first, first + made.step_frames)
-            whole = (told.speech, told.head, told.normalised_head, told.mean_speech)
+            whole = (given.speech, given.head, given.normalised_head, given.mean_speech)
             parts.append(stream.step(GazeCondition(*(each[:, now] for each in whole))))
     torch.testing.assert_close(torch.cat(parts, dim=1), expected, atol=1e-5, rtol=0)
 
 
 @pytest.mark.parametrize("lookahead", [0, 3])
 def test_causal_process_has_limited_lookahead(lookahead: int) -> None:
-    made, told = gaze(lookahead=lookahead), condition(60)
+    made, given = gaze(lookahead=lookahead), condition(60)
     assert isinstance(made, StreamableGazeGenerator)
     assert made.has_lookahead == (lookahead > 0)
-    before = made.process.condition_encoder(made.binned_condition(told))
-    told.speech[:, 40:] += 3
-    moved = (made.process.condition_encoder(made.binned_condition(told)) - before)[0].abs().amax(-1) > 1e-6
+    before = made.process.condition_encoder(made.binned_condition(given))
+    given.speech[:, 40:] += 3
+    moved = (made.process.condition_encoder(made.binned_condition(given)) - before)[0].abs().amax(-1) > 1e-6
     assert int(moved.nonzero()[0]) == 20 - lookahead
     assert gaze().has_lookahead  # the default uses past and future speech
 
 
 def test_eyes_stay_within_range() -> None:
-    made, told = gaze(), condition(200)
-    far = GazeCondition(told.speech, told.head + torch.tensor([0.3, 0.6, 0.0]), told.normalised_head)
+    made, given = gaze(), condition(200)
+    far = GazeCondition(given.speech, given.head + torch.tensor([0.3, 0.6, 0.0]), given.normalised_head)
     angles = gaze_to_angles(made.sample(far, [7], 1.0).numpy())
     held = eye_head.clamp_angles(angles)
     np.testing.assert_allclose(angles, held, atol=1e-5)

@@ -34,7 +34,7 @@ def sequence(seed: int, count: int) -> EventSequence:
 
 def test_free_running_has_the_previous_locations_of_training():
     events, rows = sequence(0, 7), np.arange(2)
-    told = PreviousLocations.before(events.bins, events.locations, 3)
+    given = PreviousLocations.before(events.bins, events.locations, 3)
     location, longest_dwell_location, age = np.zeros((2, 3), np.float32), np.zeros((2, 3), np.float32), np.zeros(2, int)
     still = encode_step(torch.zeros(2, 2, 3)).numpy()
     run = SamplerState(
@@ -49,17 +49,17 @@ def test_free_running_has_the_previous_locations_of_training():
     step_encodings = previous_step_encodings(events.locations, 2).numpy()
     for number in range(7):
         np.testing.assert_allclose(run.step_encodings.reshape(2, -1), step_encodings[:, number], rtol=1e-6)
-        assert np.array_equal(run.dwell_bins, told.dwell_bins[:, number])
+        assert np.array_equal(run.dwell_bins, given.dwell_bins[:, number])
         known = run.dwell_bins > 0
-        assert np.array_equal(run.previous_locations[known], told.locations[:, number].numpy()[known])
+        assert np.array_equal(run.previous_locations[known], given.locations[:, number].numpy()[known])
         here = torch.from_numpy(run.location)
         assert np.array_equal(
             run.longest_dwell_location,
-            PreviousLocations(told.locations[:, number], told.dwell_bins[:, number]).longest_dwell_location(here),
+            PreviousLocations(given.locations[:, number], given.dwell_bins[:, number]).longest_dwell_location(here),
         )
         run.move_to(rows, events.locations[:, number].numpy())
         run.age = (events.bins[:, number + 1] - events.bins[:, number]).numpy() if number < 6 else run.age
-    assert told.dwell_bins[:, 0].sum() == told.dwell_bins[:, 1].sum() == 0, "the first two events have left nothing"
+    assert given.dwell_bins[:, 0].sum() == given.dwell_bins[:, 1].sum() == 0, "the first two events have left nothing"
 
 
 def test_longest_dwell_location():

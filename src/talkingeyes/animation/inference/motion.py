@@ -86,7 +86,6 @@ class NumpyMotionGenerator:
         self.speakers: tuple[str, ...] = tuple(checkpoint.config["speakers"]) if model["conditions"] else ()
         self._scales = model["conditions"][0]["embedding_scale"] if model["conditions"] else None
         guidance = Guidance.model_validate(model["gaze"]["guidance"])
-        self._is_guided = not guidance.is_one
         self._tensors, self._speech = tensors, SpeechProjection(tensors, model["speech"])
         self._head = _Process.of(
             tensors_under(tensors, "head.process"), model["head"]["process"], model["head"]["temperature"]
@@ -104,7 +103,8 @@ class NumpyMotionGenerator:
         in any batch."""
         speech = self._speech(embedding)
         head = self._sample_head(self._with_speaker(speech, speaker, "head"), seeds)
-        variants = [speech, self._speech.mean_features(len(embedding))] if self._is_guided else [speech]
+        guided = not self._gaze.sampler.guidance.is_one
+        variants = [speech, self._speech.mean_features(len(embedding))] if guided else [speech]
         gaze = self._sample_gaze([self._with_speaker(each, speaker, "gaze") for each in variants], head, seeds)
         return Samples(fps, head.astype(float), gaze.astype(float))
 

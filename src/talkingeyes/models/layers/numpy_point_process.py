@@ -315,7 +315,7 @@ class Sampler:
         return np.where(missing, np.float32(MASKED_LOGIT), guided)
 
 
-def _extrapolate(values: Float[ndarray, _ * N], factor: float) -> Float[ndarray, "*N"]:
+def _extrapolate(values: Float[ndarray, " V *N"], factor: float) -> Float[ndarray, "*N"]:
     """Values under the condition, moved away from those under the neutral one if they are given."""
     if len(values) == 1:
         return np.asarray(values[0])
