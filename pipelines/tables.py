@@ -16,7 +16,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -65,16 +65,16 @@ unconditional.
 def main() -> None:
     """Compute the chosen tables with all seeds, one file each, then write the page of all files."""
     wanted = options(sys.argv[1:])
-    folder, configuration = wanted.out / SEEDS_FOLDER, configuration_hash(wanted.overrides)
-    read_results(folder, configuration)
+    folder, configurations = wanted.out / SEEDS_FOLDER, configuration_hashes(wanted.overrides)
+    read_results(folder, configurations)
     for seed in wanted.seeds:
         (params,) = configs_by_seed(wanted.overrides, [seed])
         for name in wanted.words["tables"]:
-            result = compute(name, seed, params, configuration)
+            result = compute(name, seed, params, configurations[name])
             folder.mkdir(parents=True, exist_ok=True)
             with atomic_write(folder / f"{name}-{seed}.json") as temporary:
                 temporary.write_text(json.dumps(to_json(result)) + "\n")
-    results = read_results(folder, configuration)
+    results = read_results(folder, configurations)
     (wanted.out / "tables.json").write_text(json.dumps(as_json(results), indent=1) + "\n")
     (wanted.out / "tables.md").write_text(document(results))
     print(page(results))
@@ -128,22 +128,27 @@ def comparisons(name: str) -> list[Comparison]:
     return list(dict.fromkeys([*ordered, *claimed]))
 
 
-def configuration_hash(overrides: Sequence[str]) -> str:
-    """Hash of all settings that the rows of all tables depend on, but for the seeds."""
+def configuration_hashes(overrides: Sequence[str]) -> dict[str, str]:
+    """Hash of all settings that the rows of each table depend on, but for the seeds."""
     (params,) = configs_by_seed(overrides, [0])
-    models = {name: params["model"][name] for table in TABLES.values() for name in table.rows}
+    return {name: _configuration_hash(params, table.rows) for name, table in TABLES.items()}
+
+
+def _configuration_hash(params: Mapping[str, Any], rows: Iterable[str]) -> str:
+    models = {name: params["model"][name] for name in rows}
     tokenizers = {each["tokenizer"] for each in models.values()} - {None}
     codebooks = {name: params["pretrain"][name] for name in tokenizers}
     content = {name: params[name] for name in SHARED_SECTIONS} | {"model": models, "pretrain": codebooks}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def read_results(folder: Path, configuration: str | None = None) -> Results:
+def read_results(folder: Path, configurations: Mapping[str, str] | None = None) -> Results:
     """The results of all files in a folder: by table, in the order of the paper, then by seed.
 
-    Raises InputError if a file is no result, or was computed with another configuration than `configuration` (by
-    default, that of the first file).
+    Raises InputError if a file is no result, or was computed with another configuration than that of its table (by
+    default, that of the table's first file).
     """
+    expected = dict(configurations or {})
     found: dict[str, list[SeedResult]] = {name: [] for name in TABLES}
     for path in sorted(folder.glob("*.json")):
         try:
@@ -151,7 +156,7 @@ def read_results(folder: Path, configuration: str | None = None) -> Results:
             found[result.table].append(result)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise InputError(f"{path}: should be a result of pipelines.tables, got {error!r}") from None
-        configuration = configuration or result.configuration
+        configuration = expected.setdefault(result.table, result.configuration)
         if result.configuration != configuration:
             raise InputError(
                 f"{path}: should have configuration {configuration}, got {result.configuration}; "

@@ -187,6 +187,8 @@ def test_seeds_of_another_configuration_are_one_line(
     write(tmp_path, result("table5", 0), result("table5", 1, configuration="bb"))
     with pytest.raises(InputError, match=r"table5-1\.json: should have configuration aa, got bb"):
         tables.read_results(tmp_path)
+    write(tmp_path, result("table5", 1), result("table6", 0, configuration="bb"))  # each table has its own
+    assert list(tables.read_results(tmp_path)) == ["table5", "table6"]
     (tmp_path / "table5-1.json").write_text("{}")
     with pytest.raises(InputError, match=r"table5-1\.json: should be a result of pipelines\.tables, got KeyError"):
         tables.read_results(tmp_path)
@@ -210,8 +212,8 @@ def test_a_run_adds_its_seed_to_the_page(tmp_path: Path, monkeypatch: pytest.Mon
         return result(name, seed, configuration)
 
     monkeypatch.setattr(tables, "compute", compute)
-    configuration = tables.configuration_hash(tables.options([]).overrides)
-    write(tmp_path / "tables_seeds", result("table6", 0, configuration))
+    configurations = tables.configuration_hashes(tables.options([]).overrides)
+    write(tmp_path / "tables_seeds", result("table6", 0, configurations["table6"]))
     monkeypatch.setattr("sys.argv", ["tables", "tables=table6", "seeds=1", "--out", str(tmp_path)])
     tables.main()
     assert computed == [("table6", 1, {"seed": 1})]
@@ -261,11 +263,13 @@ def test_a_table_of_a_seed_is_computed_from_its_rows(tmp_path: Path, monkeypatch
 @pytest.mark.long
 def test_configuration_depends_on_rows_but_not_on_seeds_and_folders() -> None:
     base = ["experiment=[paper_tables]"]
-    same = tables.configuration_hash(base)
-    assert tables.configuration_hash([*base, "workspace=elsewhere", "machine.jobs=1"]) == same
-    for override in (
-        "model.sequence.weights.head_kl=0.5",
-        "pretrain.gaze_frames.loop.steps=5",
-        "synthesize.clips=300",
+    same = tables.configuration_hashes(base)
+    assert tables.configuration_hashes([*base, "workspace=elsewhere", "machine.jobs=1"]) == same
+    for override, changed in (
+        ("model.talkingeyes_events.weights.head_time=0.5", {"table3"}),
+        ("model.sequence.weights.head_kl=0.5", {"table3", "table5", "table6"}),
+        ("pretrain.gaze_frames.loop.steps=5", set(TABLES)),
+        ("synthesize.clips=300", set(TABLES)),
     ):
-        assert tables.configuration_hash([*base, override]) != same
+        found = tables.configuration_hashes([*base, override])
+        assert {name for name in TABLES if found[name] != same[name]} == changed, override
