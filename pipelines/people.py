@@ -104,7 +104,6 @@ of a row. The process of `talkingeyes_events`, trained on the corpus: -6.99 and 
 - Clips last 8 to 10 s, and few have a partner: listening rests on {listening} s of the default's motions.
 - Rows of unseen speakers mix people: the default samples a random training speaker for each sample.
 - A row without a measure (`-`) has its mean over the others.
-- The seed of the simulated tracker moves the largest ratio more than the mean ([log.md](log.md)).
 """
 
 
