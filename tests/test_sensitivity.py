@@ -162,6 +162,17 @@ def test_every_metric_detects_some_corruption(found) -> None:
 
 
 @pytest.mark.long
+def test_people_with_places_of_their_own_show_mirrored_aversion() -> None:
+    takes = split_takes(sketch_clips(24, 4, 4, 12.0, 25.0, seed=0, population="remote_call"))
+    sides, heights = BY_NAME["mirrored left-right"], BY_NAME["mirrored up-down"]
+    found = sensitivity_matrix(takes, SETTINGS, corruptions=[sides, heights])
+    for metric, corruption in (("aversion_yaw", sides), ("aversion_pitch", heights)):
+        cells = found[f"reference_correlation/{metric}"]
+        assert cells[corruption.name].detected
+        assert cells[UNCORRUPTED.name].value > 0.1
+
+
+@pytest.mark.long
 def test_smallest_dose_is_where_detection_starts(takes) -> None:
     """From the smallest dose on, the matrix has the corruption as detected, and not at half of it."""
     corruption = BY_NAME["diverging eyes"]

@@ -13,7 +13,7 @@ import numpy as np
 from talkingeyes.audio.annotation import Annotation, Phoneme, Span
 from talkingeyes.core.motion import Motion
 from talkingeyes.physiology.blinks import PHYSIOLOGICAL
-from talkingeyes.synthesis.speakers import sample_style
+from talkingeyes.synthesis.speakers import sample_style, with_habits
 from talkingeyes.synthesis.take import sample_take
 
 PHONEME_S = 0.09
@@ -30,11 +30,20 @@ class SketchedClip:
     takes: tuple[Motion, ...]
 
 
-def sketch_clips(speakers: int, sounds: int, takes: int, seconds: float, fps: float, seed: int) -> list[SketchedClip]:
-    """Generate `sounds` per speaker and `takes` per sound, with a random generator per speaker and per sound."""
+def sketch_clips(
+    speakers: int, sounds: int, takes: int, seconds: float, fps: float, seed: int, population: str | None = None
+) -> list[SketchedClip]:
+    """Generate `sounds` per speaker and `takes` per sound, with a random generator per speaker and per sound.
+
+    `population`: the recorded population whose gaze the speakers have (physiology/populations); None: the laws of
+    synthesis/gaze_shifts.py. Raises InputError for a damaged population file.
+    """
     found = []
     for speaker in range(speakers):
-        style = sample_style(np.random.default_rng([seed, speaker]))
+        own = np.random.default_rng([seed, speaker])
+        style = sample_style(own)
+        if population is not None:
+            style = with_habits(style, population, own)
         for sound in range(sounds):
             rng = np.random.default_rng([seed, speaker, sound])
             annotation = sketch_annotation(seconds, rng)
