@@ -48,7 +48,7 @@ from talkingeyes.models.layers.point_process import EventSequence, PointProcess,
 from talkingeyes.models.layers.point_process_sampler import sample_events
 from talkingeyes.orchestration.run import Workspace, parallel_map, run_command
 from talkingeyes.physiology.gaze_population import STATES
-from talkingeyes.training.loop import LoopSettings
+from talkingeyes.training.loop import train as train_network
 from talkingeyes.training.motion_task import MotionTaskSettings
 from talkingeyes.workflows.evaluate_people import conversational_state
 
@@ -59,6 +59,7 @@ TRAININGS = ((CORPUS,), (PEOPLE,), (CORPUS, PEOPLE))
 SEEDS = (0, 1, 2, 3)
 WINDOW_FRAMES = 200
 MASKED = 0.2  # of the synthetic windows
+INPUTS = 5  # besides speech: head, state and domain
 SCALE_DEG = 10.0
 SPREAD = (1.0, 0.7)  # of yaw and pitch
 PEOPLE_STEPS = 600  # on people alone; with more steps they overfit
@@ -213,7 +214,7 @@ def run(people: Path, training: tuple[str, ...], seed: int) -> Result:
     assert isinstance(gaze, PointProcessGazeSettings)
     names = settings.speech.channels
     assert names is not None
-    bin_s, channels = gaze.process.bin_frames / gaze.fps, len(names) + 5
+    bin_s, channels = gaze.process.bin_frames / gaze.fps, len(names) + INPUTS
     process = PointProcess(gaze.process, channels, SPREAD)
     train, validation = split_people(read_people(people))
     sources: list[SyntheticBatches | RecordedBatches] = []
@@ -222,7 +223,12 @@ def run(people: Path, training: tuple[str, ...], seed: int) -> Result:
     if PEOPLE in training:
         sources.append(RecordedBatches(train, bin_s, channels))
     steps = loop.steps if CORPUS in training else PEOPLE_STEPS
-    fit(process, sources, loop.model_copy(update={"steps": steps}), weights, rng)
+    task = ProcessTask(process, sources, loop.batch, weights, rng)
+    train_network(
+        task,
+        loop.model_copy(update={"steps": steps, "validate_every": steps}),
+        f"{' and '.join(training)}, seed {seed}",
+    )
     domain = DOMAINS[PEOPLE] if PEOPLE in training else DOMAINS[CORPUS]
     found: dict[str, ndarray] = {
         state: score_people(process, validation, state, domain, bin_s, channels) for state in STATES
@@ -233,28 +239,29 @@ def run(people: Path, training: tuple[str, ...], seed: int) -> Result:
     return Result(found, *score_clips(process, clips), sampled)
 
 
-def fit(
-    process: PointProcess,
-    sources: Sequence[SyntheticBatches | RecordedBatches],
-    loop: LoopSettings,
-    weights: Mapping[str, float],
-    rng: np.random.Generator,
-) -> None:
-    """Train in place, with a batch of each source in each step."""
-    adam = torch.optim.AdamW(process.parameters(), lr=loop.learning_rate, weight_decay=loop.weight_decay)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(adam, loop.learning_rate, loop.steps)
-    process.train()
-    for _ in range(loop.steps):
+@dataclass
+class ProcessTask:
+    """Trains a process with a batch of each source in each step (training/loop.py)."""
+
+    module: PointProcess
+    sources: Sequence[SyntheticBatches | RecordedBatches]
+    batch: int
+    weights: Mapping[str, float]
+    rng: np.random.Generator
+
+    def losses(self, step: int) -> dict[str, Tensor]:
+        """Sum of the losses of all sources."""
         total = torch.zeros(())
-        for source in sources:
-            terms = process.loss_terms(*source.sample(loop.batch, rng))
-            total = total + weights["gaze_time"] * terms["time"] + weights["gaze_location"] * terms["location"]
-        adam.zero_grad()
-        total.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(process.parameters(), loop.clip_norm or float("inf"))
-        adam.step()
-        schedule.step()
-    process.eval()
+        for source in self.sources:
+            terms = self.module.loss_terms(*source.sample(self.batch, self.rng))
+            total = (
+                total + self.weights["gaze_time"] * terms["time"] + self.weights["gaze_location"] * terms["location"]
+            )
+        return {"total": total}
+
+    def validate(self) -> dict[str, float]:
+        """No choice among steps: the last weights are kept."""
+        return {"validation_score": float("nan")}
 
 
 @torch.no_grad()
@@ -286,7 +293,7 @@ def score_clips(process: PointProcess, clips: SyntheticBatches) -> tuple[list[st
     for index in range(len(clips.lengths)):
         events, condition = clips.whole(index)
         masked = condition.clone()
-        masked[..., :-5] = 0.0
+        masked[..., :-INPUTS] = 0.0
         rows.append([float(sum(process.log_likelihood(events, each).values())) for each in (condition, masked)])
     own, masked_speech = np.array(rows).T
     speakers = [each.clip.speaker for each in clips.recordings]
