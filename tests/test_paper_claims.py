@@ -80,7 +80,7 @@ def test_the_interval_is_that_over_speakers() -> None:
 
 def test_reason_has_the_difference_and_the_seeds() -> None:
     reason = judge(MORE_DIVERSE, PRINTED, [split("table5", 0.1), split("table5", 0.3)]).reason
-    assert reason == "+0.200 (+0.180 to +0.220), `talkingeyes_paper` − `vae`, seeds 2 for, 0 against"
+    assert reason == "+0.200 (+0.180 to +0.220), `talkingeyes_paper` − `vae`, seeds 2:0"
 
 
 def test_no_difference_is_an_interval_within_the_tolerance() -> None:
@@ -172,7 +172,7 @@ def test_a_seed_is_added_to_those_that_are_there(tmp_path: Path) -> None:
     text = tables.document(results)
     assert "Means over the seeds 0, 1." in text
     assert "| VAE (head: VAE, eyes: VAE) | 1.500 (0.096) |" in text
-    assert "**reproduced**: +0.600 (+0.580 to +0.620), `talkingeyes_paper` − `vae`, seeds 2 for, 0 against" in text
+    assert "**reproduced**: +0.600 (+0.580 to +0.620), `talkingeyes_paper` − `vae`, seeds 2:0" in text
     assert "| Table V, codes in sequence | +1.00 |" in text
 
 

@@ -214,7 +214,7 @@ def _judge(comparison: Comparison, equal: bool, seeds: Sequence[SplitResult]) ->
     else:
         signs = [sign(each) for each in differences]
     mean, factor = mean_over_seeds(differences), "" if comparison.factor == 1 else f"{comparison.factor:g} × "
-    counts = "" if len(signs) == 1 else f", seeds {signs.count(1)} for, {signs.count(-1)} against"
+    counts = "" if len(signs) == 1 else f", seeds {signs.count(1)}:{signs.count(-1)}"
     return Verdict(
         {1: REPRODUCED, -1: NOT_REPRODUCED, 0: UNDECIDED}[majority_sign(signs)],
         f"{mean.value:+.3f} ({mean.speakers_low:+.3f} to {mean.speakers_high:+.3f}), "
