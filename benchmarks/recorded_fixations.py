@@ -29,6 +29,7 @@ from numpy import ndarray
 from torch import Tensor
 
 from pipelines.people import RECORDED
+from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.recordings import Normaliser, Recording, recordings
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus
@@ -41,7 +42,7 @@ from talkingeyes.evaluation.people.comparison import compare_with_people
 from talkingeyes.evaluation.people.fixations import Person, read_people, split_people
 from talkingeyes.evaluation.people.likelihood import EmpiricalHistogram, PoissonGaussian, Shifts, score
 from talkingeyes.evaluation.people.tracker import TRACKER, GazeClip, record_person
-from talkingeyes.models.gaze.gaze_signal import mirror_motion, to_signal_tensor
+from talkingeyes.models.gaze.gaze_signal import to_signal_tensor
 from talkingeyes.models.gaze.point_process import PointProcessGazeSettings, cyclopean_and_vergence, saccade_landings
 from talkingeyes.models.gaze.saccade_rendering import eyes_towards, render_saccades
 from talkingeyes.models.layers.point_process import EventSequence, PointProcess, bin_means
@@ -50,6 +51,7 @@ from talkingeyes.orchestration.run import Workspace, parallel_map, run_command
 from talkingeyes.physiology.gaze_population import STATES
 from talkingeyes.training.loop import train as train_network
 from talkingeyes.training.motion_task import MotionTaskSettings
+from talkingeyes.training.windows import Window, WindowDataset, motion_batch
 from talkingeyes.workflows.evaluate_people import conversational_state
 
 MODEL = "talkingeyes_events"
@@ -57,17 +59,18 @@ CORPUS, PEOPLE = "corpus", "people"
 DOMAINS = {CORPUS: 0.0, PEOPLE: 1.0}
 TRAININGS = ((CORPUS,), (PEOPLE,), (CORPUS, PEOPLE))
 SEEDS = (0, 1, 2, 3)
-WINDOW_FRAMES = 200
 MASKED = 0.2  # of the synthetic windows
 INPUTS = 5  # besides speech: head, state and domain
 SCALE_DEG = 10.0
 SPREAD = (1.0, 0.7)  # of yaw and pitch
-PEOPLE_STEPS = 600  # on people alone; with more steps they overfit
 JOBS = 2
 SAMPLES = 6
 AROUND_SPEECH = ("speech_onset/rise", "speech_onset/drop", "speech_offset/rise", "partner_gaze/fraction")
 BOOTSTRAP = BootstrapSettings(n_resamples=1000, confidence_level=0.95, seed=0)
 BESIDE_PEOPLE = BootstrapSettings(n_resamples=200, confidence_level=0.95, seed=0)
+
+
+Batch = tuple[EventSequence, Tensor]  # events, and the condition in each bin
 
 
 @dataclass(frozen=True)
@@ -98,23 +101,23 @@ def segments(person: Person, bin_s: float) -> list[Fixations]:
 class RecordedBatches:
     """Batches of segments with equally many bins."""
 
-    def __init__(self, people: Sequence[Person], bin_s: float, channels: int) -> None:
-        self.channels = channels
+    def __init__(self, people: Sequence[Person], bin_s: float, channels: int, seed: int = 0) -> None:
+        self.channels, self.rng = channels, np.random.default_rng(seed)
         self.people = [segments(each, bin_s) for each in people]
         self.by_count: dict[int, list[Fixations]] = defaultdict(list)
         for each in self.people:
             for segment in each:
                 self.by_count[segment.count].append(segment)
 
-    def sample(self, batch: int, rng: np.random.Generator) -> tuple[EventSequence, Tensor]:
+    def sample_batch(self, batch: int, step: int) -> Batch:
         """A segment of a random person, each bin as likely as any other, and more segments as long as it."""
-        own = self.people[rng.integers(len(self.people))]
+        own = self.people[self.rng.integers(len(self.people))]
         bins = np.array([each.count for each in own])
-        count = int(rng.choice(bins, p=bins / bins.sum()))
-        chosen = rng.choice(len(self.by_count[count]), batch)
-        return self.collate([self.by_count[count][index] for index in chosen], rng.random(batch) < 0.5)
+        count = int(self.rng.choice(bins, p=bins / bins.sum()))
+        chosen = self.rng.choice(len(self.by_count[count]), batch)
+        return self.collate([self.by_count[count][index] for index in chosen], self.rng.random(batch) < 0.5)
 
-    def collate(self, found: Sequence[Fixations], mirrored: Iterable[bool]) -> tuple[EventSequence, Tensor]:
+    def collate(self, found: Sequence[Fixations], mirrored: Iterable[bool]) -> Batch:
         """Events and masked condition of segments with equally many bins."""
         most = max(len(each.bins) for each in found)
         bins, mask = torch.zeros(len(found), most, dtype=torch.long), torch.zeros(len(found), most, dtype=torch.bool)
@@ -131,51 +134,46 @@ class RecordedBatches:
 class SyntheticBatches:
     """Windows of the fitted clips of a split."""
 
-    def __init__(self, workspace: Workspace, split: str, channels: Sequence[str], bin_frames: int) -> None:
+    def __init__(self, workspace: Workspace, split: str, settings: MotionTaskSettings, bin_frames: int) -> None:
         self.corpus, self.bin_frames = Corpus(workspace.corpus), bin_frames
         normaliser = Normaliser.of(workspace.data("embed"))
-        self.index = [normaliser.channels.index(name) for name in channels]
-        self.mean, self.std = normaliser.mean[self.index], normaliser.std[self.index]
+        self.index = [normaliser.channels.index(name) for name in settings.speech.channels or ()]
+        self.mean, self.std = (torch.from_numpy(each[self.index]) for each in (normaliser.mean, normaliser.std))
         self.recordings = recordings(self.corpus, workspace.data("fit"), workspace.data("embed"), split, take=0)
-        self.lengths = np.array([len(each) for each in self.recordings])
-        self.states = cache(self._states)
+        self.windows, self.state = settings.windows, cache(self._state)
 
-    def _states(self, index: int) -> Float[ndarray, " T"]:
-        clip = self.recordings[index].clip
-        names = conversational_state(self.corpus.annotation(clip), int(self.lengths[index]), clip.fps)
-        return np.asarray(np.array([_state_value(each) for each in STATES], np.float32)[names])
-
-    def sample(self, batch: int, rng: np.random.Generator) -> tuple[EventSequence, Tensor]:
+    def dataset(self, seed: int) -> WindowDataset[Recording, Batch]:
         """Random windows, half of them mirrored; in some of them speech and head are masked."""
-        long_enough = np.flatnonzero(self.lengths >= WINDOW_FRAMES)
-        weight = self.lengths[long_enough] / self.lengths[long_enough].sum()
-        rows = []
-        for index in rng.choice(long_enough, batch, p=weight):
-            start = int(rng.integers(self.lengths[index] - WINDOW_FRAMES + 1))
-            rows.append(self._row(int(index), slice(start, start + WINDOW_FRAMES), rng.random() < 0.5))
-        condition, head, gaze = (torch.from_numpy(np.stack(part)) for part in zip(*rows, strict=True))
-        condition[torch.from_numpy(rng.random(batch) < MASKED), :, :-2] = 0.0
-        return self._events(head, gaze), bin_means(condition, self.bin_frames)
+        rng = np.random.default_rng(seed)
 
-    def whole(self, index: int) -> tuple[EventSequence, Tensor]:
+        def collate(windows: Sequence[Window[Recording]]) -> Batch:
+            events, condition = self.collate(windows)
+            condition[torch.from_numpy(rng.random(len(windows)) < MASKED), :, :-2] = 0.0
+            return events, condition
+
+        return WindowDataset(self.recordings, self.windows, seed, collate)
+
+    def whole(self, recording: Recording) -> Batch:
         """A whole clip."""
-        condition, head, gaze = (torch.from_numpy(each)[None] for each in self._row(index, slice(None), False))
-        return self._events(head, gaze), bin_means(condition, self.bin_frames)
+        return self.collate([Window(recording, slice(None), False)])
 
-    def _row(self, index: int, frames: slice, mirror: bool) -> tuple[ndarray, ndarray, ndarray]:
-        recording: Recording = self.recordings[index]
-        speech = (recording.speech[frames, self.index] - self.mean) / self.std
-        head, gaze = recording.head[frames], recording.gaze[frames]
-        if mirror:
-            head, gaze = mirror_motion(head, gaze)
-        state = self.states(index)[frames, None]
-        condition = np.concatenate([speech, np.degrees(head) / SCALE_DEG, state, np.zeros_like(state)], axis=1)
-        return condition.astype(np.float32), np.ascontiguousarray(head), np.ascontiguousarray(gaze)
-
-    def _events(self, head: Float[Tensor, "B T 3"], gaze: Float[Tensor, "B T 2 3"]) -> EventSequence:
-        found = saccade_landings(cyclopean_and_vergence(to_signal_tensor("gaze_in_space", head, gaze)))
+    def collate(self, windows: Sequence[Window[Recording]]) -> Batch:
+        """Events and condition of windows of the same length."""
+        motion = motion_batch(None, windows)
+        states = [self.state(each.recording.clip, len(each.recording))[each.frames] for each in windows]
+        state = torch.from_numpy(np.stack(states))[..., None]
+        speech = (motion.speech[..., self.index] - self.mean) / self.std
+        head = torch.rad2deg(motion.head) / SCALE_DEG
+        condition = torch.cat([speech, head, state, torch.full_like(state, DOMAINS[CORPUS])], dim=-1)
+        found = saccade_landings(cyclopean_and_vergence(to_signal_tensor("gaze_in_space", motion.head, motion.gaze)))
         locations = torch.rad2deg(found.landing[..., :2]) / SCALE_DEG
-        return EventSequence.from_frames(found.onset, locations, self.bin_frames)
+        events = EventSequence.from_frames(found.onset, locations, self.bin_frames)
+        return events, bin_means(condition, self.bin_frames)
+
+    def _state(self, clip: Clip, frames: int) -> Float[ndarray, " T"]:
+        """The input of the state in each frame."""
+        names = conversational_state(self.corpus.annotation(clip), frames, clip.fps)
+        return np.asarray(np.array([_state_value(each) for each in STATES], np.float32)[names])
 
 
 def _state_value(state: str) -> float:
@@ -203,37 +201,30 @@ class Result:
     sampled: Mapping[str, Sampled]
 
 
-def run(people: Path, training: tuple[str, ...], seed: int) -> Result:
-    """Train a process and score it."""
+def run(people: Path, variant: tuple[tuple[str, ...], int]) -> Result:
+    """Train a process on the sources of a variant with its seed, and score it."""
+    training, seed = variant
     torch.set_num_threads(1)
     torch.manual_seed(seed)
-    rng = np.random.default_rng(seed)
     workspace = Workspace.open(Path())
     settings = workspace.settings(f"model.{MODEL}", MotionTaskSettings)
-    gaze, loop, weights = settings.gaze, settings.loop, settings.weights
+    gaze, loop = settings.gaze, settings.loop
     assert isinstance(gaze, PointProcessGazeSettings)
-    names = settings.speech.channels
-    assert names is not None
-    bin_s, channels = gaze.process.bin_frames / gaze.fps, len(names) + INPUTS
+    bin_s, channels = gaze.process.bin_frames / gaze.fps, len(settings.speech.channels or ()) + INPUTS
     process = PointProcess(gaze.process, channels, SPREAD)
     train, validation = split_people(read_people(people))
-    sources: list[SyntheticBatches | RecordedBatches] = []
+    sources: list[WindowDataset[Recording, Batch] | RecordedBatches] = []
     if CORPUS in training:
-        sources.append(SyntheticBatches(workspace, "train", names, gaze.process.bin_frames))
+        sources.append(SyntheticBatches(workspace, "train", settings, gaze.process.bin_frames).dataset(seed))
     if PEOPLE in training:
-        sources.append(RecordedBatches(train, bin_s, channels))
-    steps = loop.steps if CORPUS in training else PEOPLE_STEPS
-    task = ProcessTask(process, sources, loop.batch, weights, rng)
-    train_network(
-        task,
-        loop.model_copy(update={"steps": steps, "validate_every": steps}),
-        f"{' and '.join(training)}, seed {seed}",
-    )
+        sources.append(RecordedBatches(train, bin_s, channels, seed))
+    task = ProcessTask(process, sources, loop.batch, settings.weights, np.random.default_rng(seed))
+    train_network(task, loop, f"{' and '.join(training)}, seed {seed}")
     domain = DOMAINS[PEOPLE] if PEOPLE in training else DOMAINS[CORPUS]
     found: dict[str, ndarray] = {
         state: score_people(process, validation, state, domain, bin_s, channels) for state in STATES
     }
-    clips = SyntheticBatches(workspace, "val", names, gaze.process.bin_frames)
+    clips = SyntheticBatches(workspace, "val", settings, gaze.process.bin_frames)
     rng = np.random.default_rng(seed)
     sampled = {name: sample_clips(process, clips, DOMAINS[name], rng) for name in training}
     return Result(found, *score_clips(process, clips), sampled)
@@ -244,7 +235,7 @@ class ProcessTask:
     """Trains a process with a batch of each source in each step (training/loop.py)."""
 
     module: PointProcess
-    sources: Sequence[SyntheticBatches | RecordedBatches]
+    sources: Sequence[WindowDataset[Recording, Batch] | RecordedBatches]
     batch: int
     weights: Mapping[str, float]
     rng: np.random.Generator
@@ -253,7 +244,7 @@ class ProcessTask:
         """Sum of the losses of all sources."""
         total = torch.zeros(())
         for source in self.sources:
-            terms = self.module.loss_terms(*source.sample(self.batch, self.rng))
+            terms = self.module.loss_terms(*source.sample_batch(self.batch, step))
             total = (
                 total + self.weights["gaze_time"] * terms["time"] + self.weights["gaze_location"] * terms["location"]
             )
@@ -290,14 +281,15 @@ def score_people(
 def score_clips(process: PointProcess, clips: SyntheticBatches) -> tuple[list[str], ndarray, ndarray, ndarray]:
     """Log-likelihoods of fitted gaze with speech and with masked speech, in nats per clip."""
     rows = []
-    for index in range(len(clips.lengths)):
-        events, condition = clips.whole(index)
+    for recording in clips.recordings:
+        events, condition = clips.whole(recording)
         masked = condition.clone()
         masked[..., :-INPUTS] = 0.0
         rows.append([float(sum(process.log_likelihood(events, each).values())) for each in (condition, masked)])
     own, masked_speech = np.array(rows).T
     speakers = [each.clip.speaker for each in clips.recordings]
-    return speakers, clips.lengths / clips.recordings[0].clip.fps, own, masked_speech
+    seconds = np.array([len(each) / each.clip.fps for each in clips.recordings])
+    return speakers, seconds, own, masked_speech
 
 
 @torch.no_grad()
@@ -305,7 +297,7 @@ def sample_clips(process: PointProcess, clips: SyntheticBatches, domain: float, 
     """Samples for the val sounds, as if recorded in a domain."""
     motions = {}
     for index, recording in enumerate(clips.recordings):
-        condition = clips.whole(index)[1]
+        condition = clips.whole(recording)[1]
         condition[..., -1] = domain
         uniform = torch.from_numpy(rng.random((SAMPLES, condition.shape[1], 5)))
         found = sample_events(process, condition, uniform.float(), 1.0)
@@ -361,7 +353,7 @@ def main() -> None:
         print(markdown_row([name, "", *map(cells, scores), "", ""]))
     variants = list(product(TRAININGS, SEEDS))
     sampled = {"fitted gaze": fitted(Workspace.open(Path()))}
-    work = parallel_map(partial(_run, path), variants, JOBS, "recorded fixations")
+    work = parallel_map(partial(run, path), variants, JOBS, "recorded fixations")
     for (training, seed), found in zip(variants, work, strict=True):
         information = found.with_speech - found.without_speech
         figures = [per_second(found, found.with_speech), per_second(found, information)]
@@ -377,7 +369,7 @@ def fitted(workspace: Workspace) -> Sampled:
     """The fitted motion of the val sounds."""
     settings = workspace.settings(f"model.{MODEL}", MotionTaskSettings)
     assert isinstance(settings.gaze, PointProcessGazeSettings)
-    clips = SyntheticBatches(workspace, "val", settings.speech.channels or (), settings.gaze.process.bin_frames)
+    clips = SyntheticBatches(workspace, "val", settings, settings.gaze.process.bin_frames)
     motions = {index: (each.head[None], each.gaze[None]) for index, each in enumerate(clips.recordings)}
     return measure(clips, motions, np.random.default_rng(0))
 
@@ -396,10 +388,6 @@ def print_samples(people: Sequence[Person], sampled: Mapping[str, Sampled]) -> N
             found = (row["mean_ratio"], "value"), (row["largest"], "ratio"), (row["auc"], "value")
             cells += ["-" if value is None else f"{value[key]:.2f}" for value, key in found]
         print(markdown_row([name, *cells, *(f"{value:.3f}" for value in each.metrics.values())]))
-
-
-def _run(path: Path, variant: tuple[tuple[str, ...], int]) -> Result:
-    return run(path, *variant)
 
 
 if __name__ == "__main__":

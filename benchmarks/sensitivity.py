@@ -57,6 +57,7 @@ GROUPS = {
     "samples": ("samples",),
     "features": ("features",),
 }
+BY_NAME = {each.name: each for each in CORRUPTIONS}
 PAGE = """# Which corruptions each metric detects
 
 Written by `python -m benchmarks.sensitivity` for {speakers} synthetic speakers with {sounds} sounds each. The reference
@@ -113,9 +114,8 @@ def main() -> None:
     doses = smallest_doses(takes, BOOTSTRAP, encoder)
     blind = [name for name, cells in doses.items() if not any(cells.values())]
     personal = split_takes(sketch_clips(PERSONAL_SPEAKERS * speakers, SOUNDS, TAKES, SECONDS, FPS, 0, PERSONAL))
-    by_name = {each.name: each for each in CORRUPTIONS}
-    seen = smallest_doses(personal, BOOTSTRAP, None, [by_name[name] for name in PERSONAL_CORRUPTIONS])
-    doses = {**doses, **{name: {**dict.fromkeys(by_name), **seen[name]} for name in blind}}
+    seen = smallest_doses(personal, BOOTSTRAP, None, [BY_NAME[name] for name in PERSONAL_CORRUPTIONS])
+    doses = {**doses, **{name: {**dict.fromkeys(BY_NAME), **seen[name]} for name in blind}}
     text = page(found, doses, blind, takes, speakers)
     (ROOT / "docs/sensitivity.md").write_text(text)
     (ROOT / "docs/sensitivity.csv").write_text(table(found, (UNCORRUPTED, *CORRUPTIONS)))
@@ -125,7 +125,6 @@ def main() -> None:
 
 def page(found: SensitivityMatrix, doses: SmallestDoses, blind: Sequence[str], takes: TakeSets, speakers: int) -> str:
     """The whole page. `blind`: metrics whose doses are those of people with places of their own."""
-    by_name = {each.name: each for each in (UNCORRUPTED, *CORRUPTIONS)}
     same_pool = {name: cells for name, cells in doses.items() if name not in blind}
     tested = {_family(name) for name in found}
     untested = dict.fromkeys(
@@ -143,11 +142,11 @@ def page(found: SensitivityMatrix, doses: SmallestDoses, blind: Sequence[str], t
         groups=_groups(same_pool),
         rated_better=_won(found),
         true_l2=mean_l2(takes, UNCORRUPTED),
-        mean_l2=mean_l2(takes, by_name["mean pose"]),
-        frozen_l2=mean_l2(takes, by_name["frozen"]),
-        sides=_catching(found, by_name["mirrored left-right"]),
-        late=_catching(found, by_name["delayed"]),
-        swapped=_catching(found, by_name["swapped speaker"]),
+        mean_l2=mean_l2(takes, BY_NAME["mean pose"]),
+        frozen_l2=mean_l2(takes, BY_NAME["frozen"]),
+        sides=_catching(found, BY_NAME["mirrored left-right"]),
+        late=_catching(found, BY_NAME["delayed"]),
+        swapped=_catching(found, BY_NAME["swapped speaker"]),
         blind=", ".join(f"`{name}`" for name in blind) or "none",
         blind_values=", ".join(f"{found[name][UNCORRUPTED.name].value:.2f}" for name in blind),
         personal=PERSONAL,
@@ -199,11 +198,10 @@ def _fault(found: SensitivityMatrix, doses: SmallestDoses, corruption: Corruptio
 
 def _personal_doses(doses: SmallestDoses) -> str:
     """The corruptions that each metric detects, with the smallest dose of each."""
-    by_name = {each.name: each for each in CORRUPTIONS}
     return "; ".join(
         f"`{metric}` "
         + ", ".join(
-            f"*{name}* ({_bounded(dose, by_name[name])} {by_name[name].unit})"
+            f"*{name}* ({_bounded(dose, BY_NAME[name])} {BY_NAME[name].unit})"
             for name, dose in cells.items()
             if dose is not None
         )
