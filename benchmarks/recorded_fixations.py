@@ -1,6 +1,6 @@
 """Does training with recorded fixations help? The point process of gaze on synthetic gaze, on recorded people, on both.
 
-Run     python -m benchmarks.recorded_fixations [PEOPLE]    (after make repro; twenty minutes)
+Run     python -m benchmarks.recorded_fixations [PEOPLE]    (after make repro; a quarter of an hour)
 Reads   PEOPLE (../shared/data/real/gaze/conversation_fixations.csv.gz); data/synthesize, data/fit, data/embed
 Writes  a table: nats per fixation of the people kept for validation, by state, and likelihood and information of the
         fitted gaze of val speakers in nats per second; a row for each training and seed. A second one: samples for
