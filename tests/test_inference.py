@@ -18,13 +18,19 @@ from talkingeyes.animation.inference import torch_random
 from talkingeyes.animation.inference.face import NumpyFaceGenerator
 from talkingeyes.animation.inference.loading import load_face_model, load_motion_generator
 from talkingeyes.animation.inference.motion import NumpyMotionGenerator
-from talkingeyes.animation.model_file import PACKAGED_MODEL, open_model
+from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL, PACKAGED_MODEL, open_model
 from talkingeyes.animation.torch_generation import sample_motion
 from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.models.face.style import FaceStyle, StyleKey
 from talkingeyes.training.face_generators import load_face_generator
 from talkingeyes.training.motion_generators import load_generator
 
+# What the extras of pyproject.toml install beyond the base installation.
+EXTRAS = (
+    "torch sklearn hydra omegaconf mlflow dvc ruamel optuna ray pxr mediapipe cv2 transformers "
+    "fastapi starlette uvicorn websockets"
+)
 # Runs the command line in a process without the packages that its first argument names.
 REFUSE_PACKAGES = """
 import sys
@@ -86,13 +92,13 @@ def test_faces_equal_those_of_torch(folder: Path, frames: int) -> None:
     np.testing.assert_allclose(found.jaw, expected.jaw, atol=1e-5)
 
 
-def without_torch(place: Path, *arguments: str, packages: str = "torch") -> subprocess.CompletedProcess[str]:
-    """`talkingeyes` in a process in which importing torch, or these packages, fails."""
-    command = [sys.executable, "-c", REFUSE_PACKAGES, packages, *arguments]
+def without_extras(place: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """`talkingeyes` in a process in which importing what only extras install fails."""
+    command = [sys.executable, "-c", REFUSE_PACKAGES, EXTRAS, *arguments]
     return subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=240, check=False)
 
 
-def test_animate_export_and_render_need_no_torch(tmp_path: Path) -> None:
+def test_animate_export_render_and_view_need_no_extra(tmp_path: Path) -> None:
     sound_file(tmp_path / "a.wav", 1.0)
     for arguments in (
         ("animate", "a.wav", "-o", "out", "--samples", "1", "-f", "glb", "-f", "vocaset"),
@@ -100,25 +106,30 @@ def test_animate_export_and_render_need_no_torch(tmp_path: Path) -> None:
         ("render", "out/sample_00.npz", "-o", "a.mp4"),
         ("view", "out/sample_00.npz", "--page", "a.html"),
     ):
-        done = without_torch(tmp_path, *arguments)
+        done = without_extras(tmp_path, *arguments)
         assert done.returncode == 0, done.stderr
     written = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"sample_00.npz", "sample_00.mp4", "sample_00.glb", "sheet.png", "traces.png"} <= written
 
 
-def test_what_needs_torch_says_so_in_one_line(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("animate", "a.wav", "-o", "out", "--model", str(PACKAGED_LIVE_MODEL)), "torch: should be installed"),
+        (("view", "a.npz"), "fastapi: should be installed for this (pip install 'talkingeyes[web]')"),
+        (("serve",), "should be installed for this (pip install 'talkingeyes["),
+    ],
+)
+def test_what_needs_an_extra_says_so_in_one_line(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
     sound_file(tmp_path / "a.wav", 1.0)
-    done = without_torch(
-        tmp_path,
-        "animate",
-        "a.wav",
-        "-o",
-        "out",
-        "--model",
-        str(PACKAGED_MODEL.parent / "talkingeyes_live.safetensors"),
-    )
+    three, two = np.zeros((10, 3)), np.zeros((10, 2))
+    Motion(25.0, three, three, np.zeros((10, 2, 3)), two, three, two[:, :0], np.ones(10, bool)).save(tmp_path / "a.npz")
+    done = without_extras(tmp_path, *arguments)
     assert done.returncode == 2
-    assert done.stderr.splitlines()[-1].startswith("error: torch: should be installed for this"), done.stderr
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("error: ")
+    assert message in last
+    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.parametrize(

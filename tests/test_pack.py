@@ -147,13 +147,14 @@ def test_the_packaged_models_are_small_and_complete() -> None:
 
 
 def interpreter(version: str) -> str | None:
-    """A Python of this version that runs."""
+    """A Python of this version that runs, on the path or among those of pyenv."""
     if version == f"{sys.version_info.major}.{sys.version_info.minor}":
         return sys.executable
-    found = shutil.which(f"python{version}")
-    return (
-        found if found and not subprocess.run([found, "-c", ""], capture_output=True, check=False).returncode else None
-    )
+    of_pyenv = sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python"))
+    for found in filter(None, (shutil.which(f"python{version}"), *map(str, of_pyenv))):
+        if not subprocess.run([found, "-c", ""], capture_output=True, check=False).returncode:
+            return found
+    return None
 
 
 @pytest.mark.slow
@@ -165,7 +166,7 @@ def test_the_wheel_animates_in_an_empty_environment_and_folder(repository: Path,
         pytest.skip(f"no python{version} here")
     source = tmp_path / "source"  # setuptools builds inside the source tree
     shutil.copytree(repository / "src", source / "src", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "README.md", "LICENSE", "NOTICE"):
         shutil.copy(repository / name, source)
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
 
@@ -185,10 +186,18 @@ def test_the_wheel_animates_in_an_empty_environment_and_folder(repository: Path,
     installed = run(tmp_path / "venv" / "bin" / "pip", "list", "--format", "freeze")
     assert "torch==" not in installed
     sound_file(tmp_path / "speech.wav", 2.0)
-    said = run(tmp_path / "venv" / "bin" / "talkingeyes", "animate", "speech.wav", "--samples", "1")
+    command = tmp_path / "venv" / "bin" / "talkingeyes"
+    said = run(command, "animate", "speech.wav", "--samples", "1")
     assert said == "speech: 1 motion of 2.00 s at 25 fps by the packaged model\n"
     made = {path.name for path in (tmp_path / "speech").iterdir()}
     assert {"sample_00.npz", "sample_00.mp4", "traces.png", "sheet.png"} <= made
+    motion = "speech/sample_00.npz"
+    run(command, "export", motion, "-f", "glb", "-o", "head.glb")
+    run(command, "render", motion, "-o", "film.mp4")
+    run(command, "view", motion, "--sound", "speech.wav", "--page", "page.html")
+    run(command, "benchmark-corpus", "corpus")
+    run(command, "evaluate", "speech", "--reference", "corpus", "-o", "measured", "--n-resamples", "20")
+    assert (tmp_path / "measured" / "benchmark.json").is_file()
 
 
 def foreign(path: Path) -> None:

@@ -14,6 +14,8 @@ from contextlib import closing
 import numpy as np
 import pytest
 import soundfile
+from browser import CHROMIUM, open_browser
+from test_mlflow_server import serving
 
 from pipelines.register_model import register
 from talkingeyes.animation.model_file import PACKAGED_MODEL
@@ -111,3 +113,14 @@ def test_mlflow_serves_it(root, speech):
     finally:
         os.killpg(process.pid, 15)
         process.wait(timeout=60)
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium; Debian has it in the package chromium")
+def test_the_registered_model_is_shown_with_its_signature(root, tmp_path):
+    with serving(root) as server, open_browser(tmp_path / "profile") as browser:
+        browser.open(f"{server.address}/#/models/talkingeyes/versions/1")
+        browser.wait_for("document.body.innerText.includes('Outputs (')")
+        text = browser.value("document.body.innerText")
+    for shown in ("talkingeyes", "the packaged model", "Inputs ("):
+        assert shown in text

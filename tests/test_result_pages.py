@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -20,6 +21,7 @@ from pipelines import (
     tables,
 )
 from pipelines.result_tables import ResultTable, as_csv, read_tables
+from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL, PACKAGED_MODEL
 from talkingeyes.evaluation.benchmark.rank_agreement import RankAgreement
 from talkingeyes.evaluation.reference_ranges.page import PLOT_CAPTIONS, RECORDING_TITLES, label, range_text
 from talkingeyes.evaluation.reference_ranges.ranges import REFERENCE_RANGES
@@ -167,6 +169,13 @@ def test_page_of_sensitivity() -> None:
             assert f"| {bound}{least} {each.unit} | `{first}`" in line[0]
     blind = [f"`{row[0]}`" for row in doses if not any(row[1:])]
     assert f"nothing at all (marked † in [benchmark.md](benchmark.md)): {', '.join(blind) or 'none'}." in text
+
+
+def test_the_packaged_models_are_those_of_the_newest_release_report() -> None:
+    newest = page("releases").rpartition("\n## ")[2]
+    for path in (PACKAGED_MODEL, PACKAGED_LIVE_MODEL):
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+        assert f"- `{path.name}`: sha256 `{digest}`" in newest
 
 
 def test_tables_survive_markdown_and_csv() -> None:

@@ -181,13 +181,6 @@ def test_a_port_that_is_taken_is_one_line(place: Path) -> None:
         view(["a.npz"], port=taken.getsockname()[1], on_start=lambda _: None)
 
 
-def test_without_three_js_the_page_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("talkingeyes.apps.viewer.assets.find_spec", lambda _: None)
-    asset.cache_clear()
-    with pytest.raises(InputError, match="extra `web`"):
-        asset("three.js")
-
-
 @pytest.fixture
 def address(place: Path) -> Iterator[str]:
     """The page of two motions with their truth."""

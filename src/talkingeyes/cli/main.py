@@ -31,6 +31,9 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
     "serve": servers.serve,
 }
 
+# Libraries that a command can lack in the base installation, and the extra that brings each.
+EXTRA_OF_LIBRARY: Mapping[str, str] = {"torch": "torch", "fastapi": "web", "starlette": "web", "uvicorn": "web"}
+
 app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
@@ -57,9 +60,11 @@ def _run() -> None:
         said = error.format_message() if hasattr(error, "format_message") else str(error)
         raise InputError(f"{said.rstrip('.')} (see `{where} --help`)") from None
     except ModuleNotFoundError as error:
-        if error.name != "torch":  # the only library that a command of the base installation can lack
+        extra = EXTRA_OF_LIBRARY.get(error.name or "")
+        if extra is None:
             raise
-        raise InputError("torch: should be installed for this (pip install 'talkingeyes[torch]'), got none") from None
+        needed = f"pip install 'talkingeyes[{extra}]'"
+        raise InputError(f"{error.name}: should be installed for this ({needed}), got none") from None
     except typer.Abort:
         raise KeyboardInterrupt from None
     if status:
