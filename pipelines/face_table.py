@@ -40,7 +40,7 @@ from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.face.articulation import ArticulationMetrics
 from talkingeyes.evaluation.face.pictures import emotion_sheet, heat_map_sheet
-from talkingeyes.evaluation.face.summary import FaceMetrics, summarise_seeds
+from talkingeyes.evaluation.face.summary import FaceMetrics, paired_differences, summarise_seeds
 from talkingeyes.evaluation.face.surface import FaceSurface
 from talkingeyes.evaluation.face.table import (
     ARTICULATION_COLUMNS,
@@ -71,6 +71,8 @@ ROW_CODE = (
 HEAT_MAP_ROWS = ("truth", "probtalk3d", "face_vae", "face_ddim", "face_codetalker", "face_mean")
 HEAT_PX, TILE_PX, FRAMES_SHOWN = 220, 120, 6
 EMOTION_MODEL = "probtalk3d"  # the model of the sheet of emotions
+COMPARED = "probtalk3d"  # the row that the others are compared with, sound by sound
+DIFFERENCE = f"minus_{COMPARED}"
 INTRODUCTION = """# The face: ProbTalk3D's Table 1
 
 Written by `python -m pipelines.face_table` (`make face`) at revision {revision}; an interrupted run resumes. Models:
@@ -94,7 +96,12 @@ SHOWN = {
     "emotion_accuracy",
 }
 SHOWN_SPLIT = "unseen"
+COMPARED_METRICS = {"mve", "lve", "diversity_ratio", "bilabials_closed", "emotion_accuracy"}
+DIFFERENCES = """### Less ProbTalk3D, sound by sound
 
+Differences of the rows above on the same sounds and seeds, with 95 % intervals over sounds; bold: without 0.
+
+"""
 
 PICTURES = """### Motion of each vertex from frame to frame (as in Fig. 6 of the paper)
 
@@ -119,11 +126,12 @@ def main() -> None:
     kind = RowSpec("face_metrics", ROW_CODE, (), ("evaluate",), _measure, tuple(rows_of(params)), REAL_ROWS)
     found = compute_rows(made, kind, critic=False, title="face")
     settings = EvaluateSettings.model_validate(params["evaluate"])
-    table = {name: _summary(seeds, settings) for name, seeds in found.by_name.items()}
+    by_seed = {name: [_by_split(one) for one in seeds] for name, seeds in found.by_name.items()}
+    table = {name: _summary(seeds, by_seed[COMPARED], settings) for name, seeds in by_seed.items()}
     (out / "pictures").mkdir(parents=True, exist_ok=True)
     (out / "face_table.json").write_text(json.dumps(table, indent=1))
     introduction = INTRODUCTION.format(revision=revision(), seeds=", ".join(map(str, wanted.seeds)))
-    (out / "face_table.md").write_text(introduction + summary(table) + PICTURES)
+    (out / "face_table.md").write_text(introduction + summary(table) + differences(table) + PICTURES)
     _draw(out / "pictures", found.data, {name: seeds[0] for name, seeds in found.by_name.items()})
     print(face_markdown(table))
 
@@ -139,6 +147,26 @@ def summary(rows: Mapping[str, Mapping[str, Any]]) -> str:
         paper = ", ".join("–" if value is None else f"{value:.4g}" for value in PUBLISHED.get(name, ()))
         lines.append([TITLES[name], *cells, paper])
     return markdown_table(headings, lines) + "\n\n"
+
+
+def differences(rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """Each row less ProbTalk3D on new speakers, sound by sound, with intervals; bold: without 0."""
+    columns = [each for each in (*ERROR_COLUMNS, *ARTICULATION_COLUMNS) if each.metric in COMPARED_METRICS]
+    lines = []
+    for name in (known for known in TITLES if DIFFERENCE in rows.get(known, {}).get(SHOWN_SPLIT, {})):
+        found = rows[name][SHOWN_SPLIT][DIFFERENCE]
+        lines.append([TITLES[name], *(_difference(found.get(each.metric), each.digits) for each in columns)])
+    if not lines:
+        return ""
+    return DIFFERENCES + markdown_table(["", *(each.heading for each in columns)], lines) + "\n\n"
+
+
+def _difference(found: Mapping[str, float] | None, digits: int) -> str:
+    if found is None:
+        return ""
+    value = f"{found['value']:+.{digits}f}"
+    shown = f"**{value}**" if found["low"] > 0 or found["high"] < 0 else value
+    return f"{shown} <sub>{found['low']:.{digits}f} to {found['high']:.{digits}f}</sub>"
 
 
 def options(arguments: Sequence[str]) -> TableOptions:
@@ -165,15 +193,27 @@ def _measure(call: StageCall, workspace: Workspace) -> Report:
     return Report()
 
 
-def _summary(seeds: Sequence[RowResult], settings: EvaluateSettings) -> dict[str, Any]:
-    """{split: {"face": metrics}} of a row over all its seeds."""
-    by_seed = [json.loads(one.figures.read_text()) for one in seeds]
-    found = {}
-    for split in SPLIT_TITLES:
-        here = [[_figures(row) for row in rows if row["split"] == split] for rows in by_seed]
-        if here[0]:
-            summary = summarise_seeds(here, settings.bootstrap)
-            found[split] = {"face": {name: asdict(estimate) for name, estimate in summary.items()}}
+def _by_split(row: RowResult) -> dict[str, list[FaceMetrics]]:
+    """Metrics of every sound of one seed of a row, by split."""
+    found = json.loads(row.figures.read_text())
+    return {split: [_figures(each) for each in found if each["split"] == split] for split in SPLIT_TITLES}
+
+
+def _summary(
+    seeds: Sequence[Mapping[str, list[FaceMetrics]]],
+    compared: Sequence[Mapping[str, list[FaceMetrics]]],
+    settings: EvaluateSettings,
+) -> dict[str, Any]:
+    """{split: {"face": metrics, DIFFERENCE: metrics less those of the compared row}} of a row over its seeds."""
+    found: dict[str, Any] = {}
+    for split in (each for each in SPLIT_TITLES if seeds[0][each]):
+        here, other = ([each[split] for each in row] for row in (seeds, compared))
+        summary = summarise_seeds(here, settings.bootstrap)
+        found[split] = {"face": {name: asdict(estimate) for name, estimate in summary.items()}}
+        if seeds is not compared:
+            same = here if len(here) == len(other) else here[:1] * len(other)  # real motion has one seed
+            difference = paired_differences(same, other, settings.bootstrap)
+            found[split][DIFFERENCE] = {name: asdict(estimate) for name, estimate in difference.items()}
     return found
 
 

@@ -110,8 +110,9 @@ Where a baseline is nearer than the default:
 - The data are synthetic ([data_card.md](data_card.md)), and models are trained on them. Of the baselines only the
   replayed saccades are. Recorded people are the fairer comparison.
 - Blinks, lids and brows of the programs are left out, as the samples of models have none.
-- The default's settings were chosen on val. What descriptions leave open was set before the first run and not changed
-  ([log](log/2026-11-25-field-baselines.md)).
+- The default's settings were chosen on val, some before 2026-11-24 with figures of test and unseen in sight
+  ([model card](model_card.md#how-it-was-chosen)). What descriptions leave open was set before the first run and not
+  changed ([log](log/2026-11-25-field-baselines.md)).
 - Still heads miss every requirement of the head, which says nothing about the program's eyes.
 """
 

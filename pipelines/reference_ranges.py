@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines.audio_motion_probes import MAX_CLIPS, measure_probes, measure_towers
+from pipelines.audio_motion_probes import MAX_CLIPS, measure_probes, measure_towers, reference_motions
 from pipelines.regenerated_takes import extract_frame_rates, extract_further_takes, sound_of
 from pipelines.result_tables import ResultTable, as_csv, read_tables
 from talkingeyes.audio.prosody import ProsodySettings, prosody
@@ -192,7 +192,8 @@ def measure_corpus(corpus_inputs: CorpusInputs, jobs: int) -> CorpusMeasurements
         )
         pool = {**pool, **fast}
     if (corpus_inputs.embed / "embedding.json").is_file():
-        found |= measure_probes(corpus_inputs, firsts, jobs) | measure_towers(corpus_inputs, jobs)
+        true = partial(reference_motions, corpus_inputs)
+        found |= measure_probes(corpus_inputs, true, firsts, jobs) | measure_towers(corpus_inputs, true, jobs)
     else:
         found |= dict.fromkeys(SOUND_AND_MOTION, no_measurement("no speech features: the stage embed has not run"))
     return CorpusMeasurements(pool, found)

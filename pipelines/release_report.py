@@ -3,9 +3,10 @@
 Run     make release-report        (python -m pipelines.release_report), after make repro
 Reads   the packaged models; of the default chain in data/: baselines, critics, and real motion of the train split, to
         which hazards of gaze aversion and the classifier of emotions are fitted
-Writes  build/sealed: a corpus of 300 sounds of 50 people from a seed of its own; docs/releases.md
+Writes  build/sealed/N: a corpus of 300 sounds of 50 people; docs/releases.md
 
-Every other stage refuses this corpus (`Workspace.corpus`), so that nothing is chosen by its figures.
+Every other stage refuses this corpus (`Workspace.corpus`), and each report has a corpus that no report before it read,
+so that nothing is chosen by its figures.
 """
 
 from __future__ import annotations
@@ -103,8 +104,10 @@ def run() -> None:
 
 def _sealed_workspace() -> Workspace:
     """The sealed corpus with its fitted motion and features, and the critics of the chain. All of it is unseen."""
+    number = PAGE.read_text().count("\n## ")  # of reports before this one
     params = compose(["experiment=sealed"])
-    workspace = Workspace(SEALED, params)
+    params["synthesize"]["seed"] += number
+    workspace = Workspace(SEALED / str(number), params)
     corpus = Corpus(workspace.data("synthesize"))
     seal = corpus.root / SEAL
     if not seal.exists():
@@ -112,7 +115,7 @@ def _sealed_workspace() -> Workspace:
             stage.run(workspace)
         corpus.write_index([replace(clip, split=SPLIT) for clip in corpus.clips])
         seal.touch()
-        write_params(SEALED / "params.yaml", params)
+        write_params(workspace.root / "params.yaml", params)
     _link(workspace.data("critic"), CHAIN / "critic")
     return replace(workspace, may_read_sealed=True)
 

@@ -12,9 +12,9 @@ from toy_performer import PERFORMER
 from talkingeyes.animation.animation import Animation
 from talkingeyes.animation.controls import Controls, Liveliness
 from talkingeyes.animation.dialogue import animate_dialogue
-from talkingeyes.animation.listening_behaviour import AVERSION_PROBABILITY, sample_listening_behaviour
+from talkingeyes.animation.listening_behaviour import sample_listening_behaviour
 from talkingeyes.animation.steps.eye_contact import eye_contact_fraction
-from talkingeyes.audio.turn_taking import detect_turns, long_turn_starts
+from talkingeyes.audio.turn_taking import detect_turns
 from talkingeyes.audio.waveform import read_dialogue
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
@@ -63,34 +63,6 @@ def test_listeners_look_at_the_speaker_and_nod() -> None:
     assert np.mean([looks(pair.second, 1) for pair in pairs]) > 0.7
     nodded = [np.abs(pair.first.motion.head - each.motion.head).max() for pair, each in zip(pairs, alone, strict=True)]
     assert np.median(nodded) > np.radians(1.0)
-
-
-@pytest.mark.long
-def test_some_turns_begin_with_gaze_averted() -> None:
-    sounds = talk()
-    starts_s = long_turn_starts(detect_turns(*sounds))
-    np.testing.assert_allclose(starts_s, [12.5, 26.5], atol=0.2)
-    heard = [sample_listening_behaviour(detect_turns(*sounds), [0, index, 3]) for index in range(200)]
-    assert np.mean([len(each.aversions) for each in heard]) == pytest.approx(2 * AVERSION_PROBABILITY, abs=0.15)
-    made = PERFORMER.perform(sounds[0], 16, 0, 25.0, Controls(partner=sounds[1]))
-    times = np.arange(750) / 25
-    eye_contact: dict[bool, list[float]] = {True: [], False: []}
-    for one, each in zip(made, heard, strict=False):
-        head, space = one.motion.head, rotation.gaze_in_space(one.motion.head, one.motion.gaze)
-        for start_s in starts_s:
-            begins = (times >= start_s - 0.5) & (times < start_s)
-            asked = any(span.start_s < start_s - 0.6 and start_s < span.end_s for span in each.aversions)
-            ahead = np.tile([0.0, 0.0, 1.0], (begins.sum(), 1))
-            eye_contact[asked].append(eye_contact_fraction(head[begins], space[begins], ahead))
-    assert np.mean(eye_contact[True]) < 0.4 * np.mean(eye_contact[False])
-
-
-def test_short_answer_does_not_take_the_turn() -> None:
-    one, other = talk()
-    word = np.zeros_like(one)
-    word[int(8 * RATE) : int(8.8 * RATE)] = one[: int(0.8 * RATE)]
-    assert long_turn_starts(detect_turns(word, other)) == []
-    assert long_turn_starts(detect_turns(one, np.zeros(0, np.float32))) == []
 
 
 @pytest.mark.long

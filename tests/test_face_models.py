@@ -108,7 +108,7 @@ def model_settings(name: str, **changes: Any) -> FaceTaskSettings:
             "weights": weights,
             "temperatures": [1.0, 0.25],
             "windows": {"frames": 40, "mirror": False},
-            "loop": LOOP | {"steps": 12, "validate_every": 6},
+            "loop": LOOP | {"steps": 24, "validate_every": 8},
             "validation_clips": 1,
         }
         | changes

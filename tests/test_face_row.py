@@ -19,7 +19,7 @@ from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.face.pictures import heat_colours, heat_map
-from talkingeyes.evaluation.face.summary import summarise_face, summarise_seeds
+from talkingeyes.evaluation.face.summary import paired_differences, summarise_face, summarise_seeds
 from talkingeyes.evaluation.face.surface import FaceSurface
 from talkingeyes.evaluation.face.table import face_markdown
 from talkingeyes.head.anny import anny_head
@@ -102,6 +102,10 @@ def test_seeds_are_averaged_with_their_range(workspace):
     assert both["lve"].value == pytest.approx(noise["lve"].value / 2)
     assert (both["lve"].seed_min, both["lve"].seed_max) == (0.0, noise["lve"].value)
     assert both["lve"].low == pytest.approx(noise["lve"].low / 2)
+    itself = paired_differences(by_seed, by_seed, settings)["lve"]
+    assert (itself.low, itself.high) == (0.0, 0.0), "paired: the spread over sounds cancels"
+    apart = paired_differences(by_seed[1:], by_seed[:1], settings)["lve"]
+    assert apart.value == pytest.approx(noise["lve"].value)
 
 
 def test_the_page_has_the_rows_in_order_beside_the_papers_numbers(tables):

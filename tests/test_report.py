@@ -83,12 +83,15 @@ def test_metrics_hold_every_row_flat(workspace, reported):
     tie = reported.rows[4].metrics
     fitted = reported.rows[1].metrics["test/gaze/corr_minus_shuffled"]
     assert tie["test/gaze/tie_ratio"] == pytest.approx(tie["test/gaze/corr_minus_shuffled"] / fitted)
-    assert tie["requirements_met"] == len([*filter(None, _met(workspace, "random"))])
+    assert (tie["ties_met"], tie["margins_met"]) == tuple(
+        sum(_met(workspace, "random", ties)) for ties in (True, False)
+    )
     assert {key for key in tie if key.startswith("val/")} == {"val/corr"}
 
 
-def _met(workspace, row):
-    return [each["met"] for each in json.loads(workspace.data("report", "requirements.json").read_text())[row]]
+def _met(workspace, row, ties):
+    required = json.loads(workspace.data("report", "requirements.json").read_text())[row]
+    return [each["met"] for each in required if each["tie"] == ties]
 
 
 def test_every_row_with_motion_has_a_film_of_the_same_sound(workspace, reported):
@@ -204,18 +207,21 @@ def test_a_face_must_show_its_emotion_and_close_its_lips():
 
 
 def test_baselines_miss_what_models_must_reach(repository):
-    """In the committed report, what follows no sound misses every tie, and a conditional mean the margins."""
+    """In the committed report, what follows no sound misses every tie, and a conditional mean the margins.
+
+    Similar Sample follows its sound a little, but eyes and head miss their ties.
+    """
     found = json.loads((repository / "data" / "report" / "requirements.json").read_text())
     missed = {
         name: {each["requirement"] for each in column if each["missed_by_interval"]} for name, column in found.items()
     }
-    eyes_and_head = {
-        f"{split}: tie of {part} to its sound / fitted motion"
-        for split in ("test", "unseen")
-        for part in ("eyes", "head")
-    }
-    for name in ("random", "similar", "untrained"):
-        assert eyes_and_head <= missed[name], name
+    ties = {each["requirement"] for each in found["random"] if each["tie"]}
+    assert len(ties) == 8
+    for name in ("random", "untrained"):
+        assert ties <= missed[name], name
+    eyes_and_head = {each for each in ties if "tie of eyes" in each or "tie of head" in each}
+    assert len(eyes_and_head) == 4
+    assert eyes_and_head <= missed["similar"]
     for name in ("mean", "vae", "talkingeyes_paper"):
         assert any("Diversity of the eyes" in each for each in missed[name]), name
     assert not eyes_and_head & missed["talkingeyes_events"]

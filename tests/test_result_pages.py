@@ -61,7 +61,8 @@ def data_tables(name: str) -> dict[str, ResultTable]:
 def test_page_of_faces() -> None:
     text = page("face_table")
     introduction = face_table.INTRODUCTION.format(revision=revision_of(text), seeds=SEEDS)
-    assert text == introduction + face_table.summary(numbers("face_table")) + face_table.PICTURES
+    found = numbers("face_table")
+    assert text == introduction + face_table.summary(found) + face_table.differences(found) + face_table.PICTURES
 
 
 def test_page_of_face_models_has_the_figures_of_the_report() -> None:

@@ -24,7 +24,7 @@ from talkingeyes.animation.shift_reasons import shift_reasons
 from talkingeyes.animation.steps.amplitude_limit import limit_amplitude
 from talkingeyes.animation.steps.eye_contact import apply_eye_contact
 from talkingeyes.animation.steps.head_contribution import add_head_contribution
-from talkingeyes.animation.steps.listening import add_nods, avert_at_turn_starts, look_at_partner
+from talkingeyes.animation.steps.listening import add_nods, look_at_partner
 from talkingeyes.animation.steps.liveliness import apply_liveliness
 from talkingeyes.animation.steps.saccadic_intrusions import add_saccadic_intrusions
 from talkingeyes.animation.steps.states import calm_head, look_by_state
@@ -42,7 +42,6 @@ STEPS: tuple[Step, ...] = (
     apply_eye_contact,
     look_at_partner,
     look_by_state,
-    avert_at_turn_starts,
     limit_amplitude,
     add_saccadic_intrusions,
     apply_targets,

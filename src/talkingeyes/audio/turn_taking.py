@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
@@ -14,7 +13,6 @@ from talkingeyes.audio.voice_activity import detect_speech
 # The partner keeps the turn for this long after speaking, unless the subject starts to speak.
 TURN_S = 1.0
 MIN_TURN_S = 0.6
-LONG_TURN_S = 2.0
 
 
 def detect_turns(own: Float[ndarray, " N"], partner: Float[ndarray, " M"]) -> Annotation:
@@ -29,18 +27,6 @@ def detect_turns(own: Float[ndarray, " N"], partner: Float[ndarray, " M"]) -> An
     free = [rest for span in held for rest in _subtract(Span(span.start_s, span.end_s + TURN_S / 2), speaking)]
     listening = tuple(span for span in free if span.end_s - span.start_s >= MIN_TURN_S)
     return Annotation(speaking=speaking, listening=listening, partner=partner_speaking)
-
-
-def long_turn_starts(annotation: Annotation) -> list[float]:
-    """Onsets in seconds of the subject's long turns that follow a turn of the partner."""
-    starts = []
-    for index, partner_turn in enumerate(annotation.listening):
-        following = annotation.listening[index + 1 : index + 2]
-        next_turn_s = following[0].start_s if following else np.inf
-        own = [span for span in annotation.speaking if partner_turn.end_s <= span.start_s < next_turn_s]
-        if own and own[-1].end_s - own[0].start_s >= LONG_TURN_S:
-            starts.append(own[0].start_s)
-    return starts
 
 
 def _subtract(span: Span, others: Sequence[Span]) -> list[Span]:

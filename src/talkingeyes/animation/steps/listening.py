@@ -1,4 +1,4 @@
-"""Steps of a conversation: nods, gaze at the partner while listening, gaze aversion at the start of a turn.
+"""Steps of a conversation: nods, and gaze at the partner while listening.
 
 Sources and distributions: `animation/listening_behaviour.py`. Eye contact set by the controls takes precedence.
 """
@@ -12,8 +12,6 @@ from talkingeyes.animation.gaze_trajectory import GazeTrajectory
 from talkingeyes.animation.steps.eye_contact import EYE_CONTACT_STREAM, set_eye_contact
 from talkingeyes.animation.steps.states import LISTENING_CONTACT
 from talkingeyes.physiology import eye_head
-
-AVERSION_STREAM = 5
 
 
 def add_nods(trajectory: GazeTrajectory, context: AnimationContext) -> GazeTrajectory:
@@ -31,10 +29,3 @@ def look_at_partner(trajectory: GazeTrajectory, context: AnimationContext) -> Ga
     fraction = LISTENING_CONTACT if context.states else context.listening.gaze_fraction
     spans = context.turns.listening
     return set_eye_contact(trajectory, fraction, context, EYE_CONTACT_STREAM, spans)
-
-
-def avert_at_turn_starts(trajectory: GazeTrajectory, context: AnimationContext) -> GazeTrajectory:
-    """Avert gaze around some starts of the subject's turns."""
-    if not context.listening or context.controls.eye_contact is not None:
-        return trajectory
-    return set_eye_contact(trajectory, 0.0, context, AVERSION_STREAM, context.listening.aversions)

@@ -60,9 +60,9 @@ on the frame rate. The partner is the densest location of gaze, with a radius of
 truth, `lower` or `higher`. SD is the standard deviation. † detects no corruption of true motion, ‡ was not tested on
 any ([sensitivity.md](sensitivity.md)).
 
-"Made" is what makes the value in samples of the default model: `learnt`; `corrected`: learnt, then changed by a factor
-or filter; `rule`: a rule with published rates; `construction`: any weights give it. Counts in reports are of `learnt`
-metrics.
+"Made" is what makes the value in samples of the default model: `learnt`; `corrected`: learnt, then changed by a factor,
+filter or guidance; `rule`: a rule with published rates; `construction`: any weights give it. Counts in reports are of
+`learnt` metrics.
 
 [benchmark_metrics.csv](benchmark_metrics.csv) has the formula of each metric, the minimum count below which there is no
 value, the data it needs, whether it depends on the frame rate, its source, a caveat to read before you use it, and the

@@ -89,6 +89,23 @@ def summarise_seeds(
     return {name: each.estimate(settings) for name, each in found.items()}
 
 
+def paired_differences(
+    row: Sequence[Sequence[FaceMetrics]], other: Sequence[Sequence[FaceMetrics]], settings: BootstrapSettings
+) -> dict[str, MultiSeedEstimate]:
+    """Metrics of one row less those of another, under the same seeds and with resamples of the same sounds; without
+    metrics that the rows define on different numbers of sounds."""
+    by_seed = []
+    for one, two in zip(row, other, strict=True):
+        own, compared = _statistics(one), _statistics(two)
+        shared = [name for name in own if name in compared and own[name].count == compared[name].count]
+        by_seed.append({name: _difference(own[name], compared[name]) for name in shared})
+    return {name: each.estimate(settings) for name, each in combine_seeds(by_seed).items()}
+
+
+def _difference(one: ClipStatistic, other: ClipStatistic) -> ClipStatistic:
+    return ClipStatistic(lambda sounds: one(sounds) - other(sounds), one.count)
+
+
 def _statistics(sounds: Sequence[FaceMetrics]) -> dict[str, ClipStatistic]:
     """Every metric that at least one sound defines."""
     errors = [each.errors for each in sounds if each.errors is not None]

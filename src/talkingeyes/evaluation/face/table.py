@@ -29,6 +29,7 @@ TITLES = {
     "face_ddim": "Diffusion, DDIM",
     "face_vae": "VAE",
     "probtalk3d": "ProbTalk3D",
+    "probtalk3d_untied": "ProbTalk3D, a draw for every frame",
     "probtalk3d_channels": "ProbTalk3D, codes over time as released",
     "face_vae_no_emotion": "VAE without emotion control",
     "probtalk3d_no_emotion": "ProbTalk3D without emotion control",

@@ -27,8 +27,21 @@ RANGE_CLASSES: dict[MetricClass, tuple[str, ...]] = {
         "vor_pitch",
     ),
     # The fit's noise is subtracted from landings; the equaliser gives heads the spectrum of fitted heads, and eyes turn
-    # against the head; the speaker's embedding is scaled.
+    # against the head; the speaker's embedding is scaled; guidance strengthens what speech says about landings.
     "corrected": (
+        "partner_gaze",
+        "partner_gaze_sd",
+        "start_averted",
+        "end_looking",
+        "aversion_duration",
+        "partner_gaze_duration",
+        "aversion_lead",
+        "aversion_lead_iqr",
+        "eye_r2",
+        "averted_auc",
+        "matching_auc_space",
+        "matching_auc_gaze",
+        "matching_p_gaze",
         "below_5",
         "below_15",
         "amplitude",
@@ -42,14 +55,12 @@ RANGE_CLASSES: dict[MetricClass, tuple[str, ...]] = {
         "psd_head",
         "icc_head",
     ),
-    # physiology/blinks.py; animation/steps/: amplitude_limit.py, listening.py (partner's turns and taken turns),
-    # head_contribution.py.
+    # physiology/blinks.py; animation/steps/: amplitude_limit.py, listening.py (partner's turns), head_contribution.py.
     "rule": (
         "largest",
         "head_contribution_10",
         "head_contribution_25",
         "partner_gaze_listening",
-        "start_averted",
         "blink_rate",
         "blink_low",
         "blink_high",

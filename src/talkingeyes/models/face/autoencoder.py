@@ -148,9 +148,13 @@ class FaceAutoencoderBase(FreezableModule):
         return self.encoder_decoder.decode(values)
 
 
-def reconstruction(predicted: Float[Tensor, "B T F"], true: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
-    """L1 of expression and of jaw, each a mean over its dimensions (eq. 4 and 5), in normalised units."""
+def reconstruction(
+    predicted: Float[Tensor, "B T F"], true: Float[Tensor, "B T F"], squared: bool = False
+) -> dict[str, Tensor]:
+    """Error of expression and of jaw, each a mean over its dimensions, in normalised units: L1 (eq. 4 and 5), or
+    squared."""
+    error = F.mse_loss if squared else F.l1_loss
     return {
-        "expression": F.l1_loss(predicted[..., :-JAW_DIM].float(), true[..., :-JAW_DIM]),
-        "jaw": F.l1_loss(predicted[..., -JAW_DIM:].float(), true[..., -JAW_DIM:]),
+        "expression": error(predicted[..., :-JAW_DIM].float(), true[..., :-JAW_DIM]),
+        "jaw": error(predicted[..., -JAW_DIM:].float(), true[..., -JAW_DIM:]),
     }

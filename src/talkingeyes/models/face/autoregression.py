@@ -60,14 +60,14 @@ class RegressionFace(nn.Module):
         self.normal.set(mean, scale)
 
     def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
-        """L1 of expression and jaw, and for comparison the loss of copying the last frame."""
+        """Mean squared error of expression and jaw, and for comparison the loss of copying the last frame."""
         true = self.normal(face)
         first = shift_right(true)
         with torch.no_grad():
             own = shift_right(self.decoder(speech, first))
         predicted = self.decoder(speech, mix_history(first, own, self.settings.own_history_fraction))
-        copied = reconstruction(first, true)["expression"]
-        return {**reconstruction(predicted, true), "copy_last_frame": copied.detach()}
+        copied = reconstruction(first, true, squared=True)["expression"]
+        return {**reconstruction(predicted, true, squared=True), "copy_last_frame": copied.detach()}
 
     def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
         """Generate frame by frame. Deterministic: all seeds give the same face."""

@@ -46,8 +46,8 @@ class AutoregressiveCodesFace(nn.Module):
         """Do nothing: the tokenizer has its own statistics."""
 
     def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
-        """L1 of latents, expression and jaw. The history holds true codes, a fraction of them replaced by
-        predictions."""
+        """Mean squared errors of latents, expression and jaw. The history holds true codes, a fraction of them replaced
+        by predictions."""
         true = self.tokenizer.latents(face)
         first = self._history(self.tokenizer.decoder_inputs(true))
         with torch.no_grad():
@@ -55,8 +55,8 @@ class AutoregressiveCodesFace(nn.Module):
         latents = self.decoder(speech, mix_history(first, own, self.settings.own_history_fraction))
         reconstructed = self.tokenizer.decode(self.tokenizer.decoder_inputs(latents))
         return {
-            "latent": F.l1_loss(latents.float(), true),
-            **reconstruction(self.tokenizer.normal(reconstructed), self.tokenizer.normal(face)),
+            "latent": F.mse_loss(latents.float(), true),
+            **reconstruction(self.tokenizer.normal(reconstructed), self.tokenizer.normal(face), squared=True),
         }
 
     def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:

@@ -60,13 +60,13 @@ class DiffusionFace(nn.Module):
         self.normal.set(mean, scale)
 
     def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
-        """L1 of the denoised expression and jaw, at a random diffusion step per row."""
+        """Mean squared error of the denoised expression and jaw, at a random diffusion step per row."""
         true = self.normal(face)
         draw = torch.rand(len(true), device=true.device)
         step = (draw * self.settings.diffusion_steps).long() + 1
         alpha_bar = self.alpha_bar[step][:, None, None]
         noisy = alpha_bar.sqrt() * true + (1 - alpha_bar).sqrt() * torch.randn_like(true)
-        return reconstruction(self._denoise(noisy, step, speech), true)
+        return reconstruction(self._denoise(noisy, step, speech), true, squared=True)
 
     def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
         """Denoise from pure noise, one seed per row; `temperature` scales all noise."""
