@@ -25,7 +25,6 @@ from talkingeyes.evaluation.sensitivity.matrix import (
     SensitivityMatrix,
     SmallestDoses,
     TakeSets,
-    detected_corruptions,
     mean_l2,
     sensitivity_matrix,
     smallest_doses,
@@ -63,8 +62,8 @@ PAGE = """# Which corruptions each metric detects
 Written by `python -m benchmarks.sensitivity` for {speakers} synthetic speakers with {sounds} sounds each. The reference
 is {minutes:.0f} minutes of true motion. As much is evaluated: other true takes of the same sounds, unchanged and with
 each corruption. An effect is the difference of a metric from the reference, in half widths of its 95 % interval; above
-1, and 0.5 more than without the corruption, it is detected. A metric that has nothing left to measure ("gone") detects
-it too. Without a corruption, {false} of {all} metrics differ by chance.
+1, and 0.5 more than without the corruption, it is detected. A metric that has nothing left to measure is "gone": it
+detects nothing. Without a corruption, {false} of {all} metrics differ by chance.
 
 Doses go from the corruption in the second column down to 1/{smallest} of it, each half of the one before; delays are
 whole frames at {fps:.0f} fps. A metric detects its smallest dose and all larger ones; ≤: the smallest tested.
@@ -252,11 +251,7 @@ def _dose(dose: float | None, missing: str = "-") -> str:
 
 
 def _catching(found: SensitivityMatrix, corruption: Corruption) -> str:
-    names = [
-        name
-        for name, cells in found.items()
-        if corruption.name in detected_corruptions(cells) and _is_detected(cells[corruption.name])
-    ]
+    names = [name for name, cells in found.items() if cells[corruption.name].detected]
     return ", ".join(f"`{name}`" for name in names) or "none"
 
 
@@ -268,11 +263,6 @@ def _won(found: SensitivityMatrix) -> str:
         if cell.rated_better
     ]
     return ", ".join(pairs) or "none"
-
-
-def _is_detected(cell: CorruptionEffect) -> bool:
-    """Whether a corruption is detected by a value, not by its absence."""
-    return cell.detected and cell.measured
 
 
 def _written(cell: CorruptionEffect) -> str:

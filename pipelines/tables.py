@@ -42,15 +42,16 @@ SHARED_SECTIONS = ("corpus", "synthesize", "fit", "embed", "critic", "sample", "
 INTRODUCTION = """# The paper's tables
 
 Written by `python -m pipelines.tables` (`make tables`; 10 to 25 minutes a table and seed on two cores; an interrupted
-run resumes) from the results of single seeds in docs/tables_seeds, at revision {revisions}. Rows, questions and the paper's values: conf/experiment/paper_tables.yaml. This page
-shows new speakers (split `unseen`). [tables.json](tables.json) has both splits and all metrics, with 95 % intervals
-over sounds and over speakers, and the range of the seeds.
+run resumes) from the results of single seeds in docs/tables_seeds, at revision {revisions}. Rows, questions and the
+paper's values: conf/experiment/paper_tables.yaml. This page shows new speakers (split `unseen`).
+[tables.json](tables.json) has both splits and all metrics, with 95 % intervals over sounds and over speakers, and the
+range of the seeds.
 
 Rows are of two families. *As printed* has the paper's decoder, which regresses features frame by frame, and one latent
 code of the head per clip. The whole recipe (`experiment=paper_literal`) is measured apart: its eyes freeze, too
-([log](log/2026-11-24-paper-literal.md)). *Codes in sequence* samples codes of 4 frames of gaze in space, as categories, after a VAE
-head with a code per half second (`talkingeyes_codes_vae_head`, unconditional). Both train with the same steps, batch
-and learning rate.
+([log](log/2026-11-24-paper-literal.md)). *Codes in sequence* samples codes of 4 frames of gaze in space, as categories,
+after a VAE head with a code per half second (`talkingeyes_codes_vae_head`, unconditional). Both train with the same
+steps, batch and learning rate.
 
 In brackets is the paper's value, of another corpus, encoder and critic, and of about 480,000 training steps: compare
 the order of rows, not the values. Diversity, Corr. and L2 (radians) compare with fitted motion, speeds and ranges with

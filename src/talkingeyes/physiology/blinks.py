@@ -21,6 +21,7 @@ from scipy.special import betainc, ndtr, ndtri
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core.motion import Blink
 
+# Values without a source are choices of this project.
 RATE_LIMITS_PER_MIN = (6.0, 50.0)
 INTERVAL_SHAPE = 1.5
 # Hazard around the end of a phrase, in pauses and in phrases of the speaker; after a phrase of the partner, else while

@@ -22,6 +22,7 @@ from talkingeyes.physiology import eye_head, saccades
 from talkingeyes.synthesis.gaze_aversion import AversionCause, GazeInterval
 from talkingeyes.synthesis.speakers import SpeakerStyle
 
+# Values without a source are choices of this project.
 PARTNER_SPREAD_RAD = np.radians([1.5, 0.8])
 PARTNER_DISTANCE_M, AVERSION_DISTANCE_M = (0.8, 1.3), (1.5, 4.0)
 FACE_RADIUS_RAD = np.radians([3.2, 3.4])

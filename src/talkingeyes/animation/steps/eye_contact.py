@@ -30,6 +30,7 @@ from talkingeyes.physiology import saccades
 from talkingeyes.synthesis.gaze_aversion import AversionCause
 from talkingeyes.synthesis.gaze_shifts import FACE_RADIUS_RAD, octant_probabilities
 
+# Values without a source are choices of this project.
 # Gaze within this of the point between the listener's eyes is contact (evaluation/detectors has the same limit).
 CONTACT_RAD = float(np.radians(4.0))
 # A fixation nearer than NEAR is contact as it is; one farther than FAR is averted as it is.

@@ -12,6 +12,7 @@ from talkingeyes.animation.context import AnimationContext
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory, add_head_turns, fixations
 from talkingeyes.core import rotation
 
+# Values without a source are choices of this project.
 HEAD_THRESHOLD_RAD, HEAD_GAIN = float(np.radians(12.5)), 0.6
 MIN_FIXATION_S = 0.5  # a shorter glance is over before the head arrives
 

@@ -34,6 +34,7 @@ AVERTING: dict[State, tuple[float, AversionCause, int]] = {
     "thinking": (0.2, "planning", 6),
     "idle": (0.6, "intimacy", 7),
 }
+# Values without a source are choices of this project.
 SCAN_STREAM = 8
 THINKING_HEAD, HEAD_SMOOTHING_S = 0.5, 0.3
 LONG_FIXATION_S, MIN_SCAN_S, SCAN_RAD = 1.2, 0.25, float(np.radians(1.2))

@@ -80,7 +80,7 @@ def _recording(number: int, talk: SketchedClip) -> Recording:
 class CorruptionEffect:
     """A metric under one corruption.
 
-    `effect_size` is in intervals, NaN if the metric is no longer defined, which counts as detected.
+    `effect_size` is in intervals, NaN if the metric is no longer defined: then it tells nothing, and detects nothing.
     """
 
     value: float
@@ -94,8 +94,8 @@ class CorruptionEffect:
 
     @property
     def detected(self) -> bool:
-        """Whether the metric detects the corruption."""
-        return bool(not self.measured or self.effect_size > max(1.0, self.baseline_effect + MARGIN))
+        """Whether the metric detects the corruption, by its value."""
+        return bool(self.effect_size > max(1.0, self.baseline_effect + MARGIN))
 
     @property
     def rated_better(self) -> bool:
@@ -148,9 +148,9 @@ def smallest_doses(
 
 
 def _smallest(effects: Mapping[float, CorruptionEffect]) -> float | None:
-    """The smallest dose above all that are not detected; None if there is none with a value."""
-    limit = max((dose for dose, effect in effects.items() if not effect.detected), default=0.0)
-    return min((dose for dose, effect in effects.items() if dose > limit and effect.measured), default=None)
+    """The smallest detected dose above all whose value is not; None if there is none."""
+    limit = max((dose for dose, effect in effects.items() if effect.measured and not effect.detected), default=0.0)
+    return min((dose for dose, effect in effects.items() if dose > limit and effect.detected), default=None)
 
 
 def _effects(
