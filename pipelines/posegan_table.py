@@ -4,8 +4,9 @@ Run: python -m pipelines.posegan_table [--seeds 0,1,2] [--workspace build/posega
 
 The gaze benchmark, half of the time, can be omitted (--without-gaze) or computed for fewer seeds (--gaze-seeds 0).
 
-Reads conf/ (experiment=posegan, or that of the overrides, such as experiment=posegan_tiny). Trains what the result
-store does not contain; an interrupted run resumes.
+Reads conf/ (experiment=posegan, or that of the overrides, such as experiment=posegan_tiny) and the corpus that it
+makes, or another by corpus=DIR fit=video (talkingeyes track). Trains what the result store does not contain; an
+interrupted run resumes.
 
 Writes in the workspace: seed-N/data/..., measured/seed-N.json (recomputed when a model has changed),
 posegan_table.md and posegan_table.csv, to be copied to docs/.
@@ -26,7 +27,8 @@ from pipelines.experiment import run_pipeline
 from pipelines.result_tables import ResultTable, as_csv, read_tables
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import CHECKSUMS_FILE, run_command
+from talkingeyes.orchestration.run import CHECKSUMS_FILE, Workspace, run_command
+from talkingeyes.orchestration.stage_graph import DEFAULT_CORPUS
 
 HEADS = ("head_mean", "head_random", "head_similar", "head_cnn", "head_vae", "head_vqvae", "posegan")
 ABLATIONS = (
@@ -119,9 +121,9 @@ def _trained(workspace: Path, conf: Sequence[str], seed: int, with_gaze: bool) -
 
 
 def _strangers(workspace: Path, conf: Sequence[str]) -> Path:
-    """The corpus of new speakers, and its embedding."""
+    """The corpus of new speakers, and its embedding; synthetic, whatever the corpus."""
     view = workspace / "strangers"
-    params = compose((*conf, *NEW_SPEAKERS, f"workspace={workspace}"))
+    params = compose((*conf, *NEW_SPEAKERS, f"corpus={DEFAULT_CORPUS}", f"workspace={workspace}"))
     run_pipeline({**params, "model": {}, "target": "embed"}, view)
     return view
 
@@ -140,7 +142,7 @@ def _measured(workspace: Path, view: Path, new_speakers: Path, seed: int) -> dic
     if path.is_file() and (content := json.loads(path.read_text()))["models"] == key:
         figures: dict[str, Any] = content["figures"]
         return figures
-    data = PoseInputPaths(view / "data", new_speakers / "data", HEADS, ABLATIONS)
+    data = PoseInputPaths(Workspace.open(view).corpus, view / "data", new_speakers / "data", HEADS, ABLATIONS)
     figures = {**evaluate_models(data, seed), "training_s": json.loads((view / "cpu_seconds.json").read_text())}
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as partial:

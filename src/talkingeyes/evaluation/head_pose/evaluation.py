@@ -77,8 +77,9 @@ COST_MINUTES = 10.0
 
 @dataclass(frozen=True)
 class PoseInputPaths:
-    """Folders data/ of the corpus and of the new people, and names of the models to evaluate."""
+    """The corpus with the folder data/ of its models, data/ of the new people, and names of the models to evaluate."""
 
+    corpus: Path
     data: Path
     new_speakers: Path
     generate_heads: Sequence[str]
@@ -93,7 +94,7 @@ def evaluate_models(sources: PoseInputPaths, seed: int) -> dict[str, Any]:
     }
     posegan = networks["posegan"]
     poses, speakers = posegan.settings.poses, posegan.speakers
-    splits = {split: _recordings(data, poses, split) for split in ("train", "val", "test")}
+    splits = {split: _recordings(sources, poses, split) for split in ("train", "val", "test")}
     classifier = train_classifier(CLASSIFIER, *(_labelled(splits[split], speakers) for split in ("train", "val")))
     test = [each for each in splits["test"] if each.clip.speaker in speakers]
     true = [each.pose / posegan.scale.numpy() for each in test]
@@ -108,13 +109,14 @@ def evaluate_models(sources: PoseInputPaths, seed: int) -> dict[str, Any]:
             "seams": seam_speed_ratio(true, WINDOW_FRAMES, SHARED_FRAMES),
         },
         "rows": rows,
-        "noise": _noise_metrics(posegan, data, test, true, classifier, seed),
+        "noise": _noise_metrics(posegan, sources, test, true, classifier, seed),
         "strangers": _new_speaker_metrics(posegan, sources.new_speakers, classifier, seed),
     }
 
 
-def _recordings(data: Path, settings: PoseSettings, split: str) -> PoseRecordings:
-    return pose_recordings(Corpus(data / "synthesize"), data / "fit", data / "embed", settings, split, take=0)
+def _recordings(sources: PoseInputPaths, settings: PoseSettings, split: str) -> PoseRecordings:
+    data = sources.data
+    return pose_recordings(Corpus(sources.corpus), data / "fit", data / "embed", settings, split, take=0)
 
 
 def _labelled(recordings: Sequence[PoseRecording], speakers: Sequence[str]) -> LabelledWindows:
@@ -214,15 +216,16 @@ def _cost(network: SpeechToPose, speech: Float[ndarray, "T C"]) -> float:
 
 def _noise_metrics(
     network: SpeechToPose,
-    data: Path,
+    sources: PoseInputPaths,
     test: Sequence[PoseRecording],
     true: Sequence[Float[ndarray, "T 6"]],
     classifier: PoseClassifier,
     seed: int,
 ) -> dict[str, Any]:
     """Metrics with white noise added to the sound, by signal-to-noise ratio of mean power in dB."""
-    settings = EmbedSettings.model_validate(read_json(data / "embed" / "embedding.json", "embedding")["settings"])
-    encoder, corpus, scale = make_encoder(settings), Corpus(data / "synthesize"), network.scale.numpy()
+    path = sources.data / "embed" / "embedding.json"
+    settings = EmbedSettings.model_validate(read_json(path, "embedding")["settings"])
+    encoder, corpus, scale = make_encoder(settings), Corpus(sources.corpus), network.scale.numpy()
     found = {}
     for ratio_db in NOISE_DB:
         generated = []
