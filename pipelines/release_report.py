@@ -91,6 +91,7 @@ def run() -> None:
     }
     timing = {name: [each for each in found if each.metric.extractor is CURVES] for name, found in benchmarks.items()}
     section = _section(
+        workspace.corpus,
         aversion_table(aversions),
         benchmark_markdown(timing, TITLES),
         languages,
@@ -182,13 +183,13 @@ def _face_cell(model: Estimate, fitted: Estimate, column: Column) -> str:
     return f"{value} ({low} to {high}) / {target}"
 
 
-def _section(averted: str, timing: str, languages: str, faces: str, requirements: str) -> str:
+def _section(corpus: Path, averted: str, timing: str, languages: str, faces: str, requirements: str) -> str:
     files = "\n".join(
         f"- `{path.name}`: sha256 `{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}`"
         for path in sorted(ASSETS.iterdir())
         if path.suffix == ".safetensors"
     )
-    corpus = hashlib.sha256((SEALED / "data/synthesize/clips.parquet").read_bytes()).hexdigest()[:16]
+    index = hashlib.sha256((corpus / "clips.parquet").read_bytes()).hexdigest()[:16]
     return f"""
 ## {date.today().isoformat()}, revision {revision()}
 
@@ -196,7 +197,7 @@ Packaged files, trained by `make release-models`, as they are (half precision); 
 
 {files}
 
-Sealed corpus: sha256 of its index `{corpus}`.
+Sealed corpus: sha256 of its index `{index}`.
 
 ### Information of speech about averted gaze, nats per second
 
