@@ -7,14 +7,18 @@ Writes  docs/reference_ranges_model.md and .csv; for another model or split buil
 Each sound is animated SAMPLES times, with blinks and with its partner's voice if it has one (listening depends on it),
 and rendered at both rates, and at 500 fps for the main sequence. A further column has the model's output without
 post-processing, others that of the baselines. The true motion of the same sounds at 25 fps is shown for comparison:
-ranges that it also misses are due to the small amount of motion. Not a stage: nothing reads its output. Rows of jaws,
-lids and of the fit do not apply to a model of head and gaze.
+ranges that it also misses are due to the small amount of motion. Rows on sound and motion are of the motion as sampled:
+probes of PROBED samples of the sounds, and towers trained on a sample for each of 600 training sounds. Not a stage:
+nothing reads its output. Rows of jaws, lids and of the fit do not apply to a model of head and gaze, nor the lag of the
+head behind the eyes, which needs true events.
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib
+import re
+import tempfile
 from collections.abc import Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
@@ -23,6 +27,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from pipelines.audio_motion_probes import measure_probes, measure_towers, reference_motions, tower_clips
 from pipelines.reference_ranges import axis_divergence_rad, extract_sound, source_of
 from pipelines.result_tables import as_csv, read_tables
 from talkingeyes.animation.animator import Animator
@@ -33,10 +38,11 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.recordings import Recordings
+from talkingeyes.corpus.store import shard_path
 from talkingeyes.evaluation.benchmark.behaviour import behaviour
 from talkingeyes.evaluation.benchmark.metric_class import LEARNT
 from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
-from talkingeyes.evaluation.reference_ranges import blinks, head, measurements, page, saccades
+from talkingeyes.evaluation.reference_ranges import blinks, head, measurements, page, probes, saccades
 from talkingeyes.evaluation.reference_ranges.clip_data import (
     ClipData,
     FrameProsody,
@@ -47,7 +53,7 @@ from talkingeyes.evaluation.reference_ranges.clip_data import (
 from talkingeyes.evaluation.reference_ranges.corpus_inputs import CorpusInputs
 from talkingeyes.evaluation.reference_ranges.measurements import Measurements
 from talkingeyes.evaluation.reference_ranges.range_class import range_class
-from talkingeyes.evaluation.reference_ranges.ranges import REFERENCE_RANGES, ReferenceRange
+from talkingeyes.evaluation.reference_ranges.ranges import RANGES_BY_SECTION, REFERENCE_RANGES, ReferenceRange
 from talkingeyes.orchestration.run import Workspace, parallel_backend, parallel_map, run_command
 from talkingeyes.training.conditioning import speaker_index
 
@@ -56,7 +62,7 @@ SPLITS = {"val": ("val",), "test": ("test", "unseen")}
 BASELINES = {"Random": "random", "Similar Sample": "similar", "Untrained": "untrained"}
 SLOW, FAST, SAMPLED, TRUTH = "25 fps", "120 fps", "25 fps, as sampled", "truth, 25 fps"
 COLUMNS = (SLOW, FAST, SAMPLED, *BASELINES, TRUTH)
-SAMPLES = 16
+SAMPLES, PROBED = 16, 4
 # The model's own rate, a display rate, and the rate for the main sequence.
 OWN_FPS, SCREEN_FPS, MAIN_SEQUENCE_FPS = 25.0, 120.0, 500.0
 INTRODUCTION = """# Reference ranges: the default model
@@ -73,11 +79,20 @@ contribution to large gaze shifts ([whole.md](whole.md)). It has blinks. The bas
 training clip under any sound, Untrained the default with random weights. Ranges that the truth also misses are due to
 the small amount of motion. The main sequence is measured at 500 fps.
 
-"Made" is what makes the value in the first two columns: `learnt`; `corrected`: learnt, then changed by a factor or
-filter; `rule`: a rule with published rates; `construction`: any weights give it. Only what is learnt says how good the
-model is. A range tests a single statistic: Random, which is real motion under another sound, is within most of them.
+"Made" is what makes the value in the first two columns: `learnt`; `corrected`: learnt, then changed by a factor, filter
+or guidance; `rule`: a rule with published rates; `construction`: any weights give it. Only what is learnt says how good
+the model is. A range tests a single statistic: Random, which is real motion under another sound, is within most of
+them. It cannot be within those of sound and motion, which the second table shows.
 
 """
+TIES = """## Sound and motion
+
+Can the sound of a motion be found out? Probes predict motion from speech, of speakers outside their fit ({probed}
+samples a sound). Matching is between 8 s of the sound and of others of the speaker, by networks trained on the motion
+of the same column for up to 600 training sounds; a speaker of val has one sound, so it needs `--split test`.
+
+"""
+REASON = re.compile(r"\| - \([^|]*\) \|")  # of a missing value; only the CSV file has it
 OUTSIDE = """## Outside the range
 
 Statistics with a value of the model outside their range; all are in [{data_file}]({data_file}).
@@ -109,7 +124,8 @@ def main() -> None:
                 f"reference ranges of {asked.model}",
             )
         )
-    columns = [measure(name, join_pools(one[name] for one in found)) for name in COLUMNS]
+        tied = measure_ties(corpus_inputs, {SAMPLED: model, **baselines}, SPLITS[asked.split], workspace.jobs)
+    columns = [measure(name, join_pools(one[name] for one in found)) | tied.get(name, {}) for name in COLUMNS]
     default = (asked.model, asked.split) == (DEFAULT_MODEL, "val")
     name = asked.model if asked.split == "val" else f"{asked.model}-{asked.split}"
     words = "" if default else f" {asked.model} --split {asked.split}"
@@ -140,19 +156,18 @@ def extract(
     a clip, would have only as many values as there are seeds.
     """
     number, clip = numbered
-    embedding = np.array(Recordings([clip], corpus_inputs.fit, corpus_inputs.embed)[0].speech)
-    sound = corpus_inputs.corpus.speech(clip)
 
     def made(path: Path, fps: float, partner: Float[ndarray, " N"] | None, postprocessing: bool) -> list[Motion]:
-        animator = _animator(path)
-        known = animator.persons
-        person = known[speaker_index(known, clip.speaker, clip.speaker)] if known else None
-        controls = Controls(partner=partner, person=person, no_postprocessing=not postprocessing)
-        animations = animator.generate_from_embedding(embedding, SAMPLES, SAMPLES * number, fps, controls, sound)
-        return [each.motion for each in animations]
+        return animate(
+            corpus_inputs, path, clip, SAMPLES, SAMPLES * number, fps, partner, postprocessing=postprocessing
+        )
 
     def seen(motions: list[Motion]) -> PooledArrays:
-        return join_pools(measurements.extract(load_clip_data(corpus_inputs, clip, motion)) for motion in motions)
+        takes = {"eye": [each.gaze.mean(axis=1) for each in motions], "head": [each.head for each in motions]}
+        return {
+            **join_pools(measurements.extract(load_clip_data(corpus_inputs, clip, motion)) for motion in motions),
+            **{f"takes.{part}": probes.between_take_variance(np.stack(each))[None] for part, each in takes.items()},
+        }
 
     def with_finest(partner: Float[ndarray, " N"] | None, postprocessing: bool) -> PooledArrays:
         coarse, finest = (made(model, fps, partner, postprocessing) for fps in (OWN_FPS, MAIN_SEQUENCE_FPS))
@@ -169,6 +184,62 @@ def extract(
         **{name: seen(made(path, OWN_FPS, None, postprocessing=False)) for name, path in baselines.items()},
         TRUTH: extract_sound(corpus_inputs, [clip]),
     }
+
+
+def animate(
+    corpus_inputs: CorpusInputs,
+    model: Path,
+    clip: Clip,
+    samples: int,
+    seed: int,
+    fps: float = OWN_FPS,
+    partner: Float[ndarray, " N"] | None = None,
+    postprocessing: bool = False,
+) -> list[Motion]:
+    """Motions of a model for the sound of a clip, of its speaker or a fixed random one."""
+    animator = _animator(model)
+    known = animator.persons
+    person = known[speaker_index(known, clip.speaker, clip.speaker)] if known else None
+    controls = Controls(partner=partner, person=person, no_postprocessing=not postprocessing)
+    embedding = np.array(Recordings([clip], corpus_inputs.fit, corpus_inputs.embed)[0].speech)
+    sound = corpus_inputs.corpus.speech(clip)
+    return [each.motion for each in animator.generate_from_embedding(embedding, samples, seed, fps, controls, sound)]
+
+
+def measure_ties(
+    corpus_inputs: CorpusInputs, models: Mapping[str, Path], judged: Sequence[str], jobs: int
+) -> dict[str, Measurements]:
+    """Rows on sound and motion of each column: of motions as sampled, and of the truth."""
+    train, tested = tower_clips(corpus_inputs, judged)
+    with tempfile.TemporaryDirectory(prefix="talkingeyes-") as folder:
+        sources = {TRUTH: partial(reference_motions, corpus_inputs)}
+        for column, path in models.items():
+            place = Path(folder, path.name)
+            for clips, samples in ((train, 1), (tested, PROBED)):
+                task = partial(save_motions, corpus_inputs, path, samples, place)
+                list(parallel_map(task, list(enumerate(clips)), jobs, f"motions of {path.name}"))
+            sources[column] = partial(load_motions, place)
+        return {
+            column: measure_probes(corpus_inputs, motions_of, tested, jobs)
+            | measure_towers(corpus_inputs, motions_of, jobs, judged, jaw=False)
+            for column, motions_of in sources.items()
+        }
+
+
+def save_motions(
+    corpus_inputs: CorpusInputs, model: Path, samples: int, folder: Path, numbered: tuple[int, Clip]
+) -> None:
+    """Write motions of a model for the sound of a clip into a folder of the clip."""
+    number, clip = numbered
+    place = shard_path(folder, clip.id, "")
+    place.mkdir(parents=True)
+    for index, motion in enumerate(animate(corpus_inputs, model, clip, samples, samples * number)):
+        motion.save(place / f"{index}.npz")
+
+
+def load_motions(folder: Path, clip: Clip) -> list[Motion]:
+    """The motions that `save_motions` wrote for a clip."""
+    return [Motion.load(path) for path in sorted(shard_path(folder, clip.id, "").iterdir())]
 
 
 def load_clip_data(corpus_inputs: CorpusInputs, clip: Clip, motion: Motion) -> ClipData:
@@ -214,6 +285,8 @@ def measure(column: str, pool: PooledArrays) -> Measurements:
     found = measurements.measure_gaze(pool) | measurements.measure_head(pool) | measurements.measure_speech(pool)
     found |= measurements.measure_blinks(pool) | measurements.measure_gaze_shifts(pool)
     found |= {"prosody_cca": head.sentence_correlation(pool), "pitch_level_correlation": head.frame_correlation(pool)}
+    if column != TRUTH:  # its sounds have one take
+        found |= {f"between_take_{part}": probes.between_take_fraction(pool, part) for part in ("eye", "head")}
     if column in (SLOW, SAMPLED):
         found |= measurements.measure_main_sequence(pool) | measurements.measure_blink_kinematics(pool)
     return found
@@ -226,7 +299,8 @@ def markdown(columns: Sequence[Measurements], sounds: int, split: str, words: st
         if any(reference_range.name in each for each in columns):
             cells = [cell(reference_range, each.get(reference_range.name)) for each in columns]
             label = page.label(reference_range).replace("|", "\\|")
-            rows.append([label, page.range_text(reference_range), range_class(reference_range.name), *cells])
+            bounds = [reference_range.published, page.range_text(reference_range)]
+            rows.append([label, *bounds, range_class(reference_range.name), *cells])
     counted = [[name, counts(each, learnt=True), counts(each)] for name, each in zip(COLUMNS, columns, strict=True)]
     introduction = INTRODUCTION.format(
         words=words,
@@ -235,15 +309,23 @@ def markdown(columns: Sequence[Measurements], sounds: int, split: str, words: st
         samples=SAMPLES,
         counts=markdown_table(["motion", "ranges that are learnt", "all ranges"], counted),
     )
-    return introduction + f"## Statistics\n\n{markdown_table(['', 'reference range', 'made', *COLUMNS], rows)}\n"
+    return (
+        introduction
+        + f"## Statistics\n\n{markdown_table(['', 'published', 'reference range', 'made', *COLUMNS], rows)}\n"
+    )
 
 
 def page_of(text: str, data_file: str) -> str:
-    """The page: the introduction, and the statistics with a value of the model outside their range."""
+    """The page: the introduction, rows on sound and motion, and those with a value of the model outside their range."""
     table = read_tables(text)["Statistics"]
     of_model = [table.columns.index(name) for name in (SLOW, FAST, SAMPLED)]
     rows = table.markdown(table.columns, lambda row: any("**outside**" in row[index] for index in of_model))
-    return f"{text.partition('## Statistics')[0]}{OUTSIDE.format(data_file=data_file)}{rows}\n"
+    tied = {page.label(each) for each in RANGES_BY_SECTION["Sound and motion"]}
+    shown = [name for name in table.columns if name not in (SLOW, FAST)]
+    random = table.columns.index("Random")
+    ties = table.markdown(shown, lambda row: row[0] in tied and not row[random].startswith("- ("))
+    parts = (TIES.format(probed=PROBED), ties, "\n\n", OUTSIDE.format(data_file=data_file), rows, "\n")
+    return text.partition("## Statistics")[0] + REASON.sub("| - |", "".join(parts))
 
 
 def counts(found: Measurements, learnt: bool = False) -> str:

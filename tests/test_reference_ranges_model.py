@@ -21,9 +21,10 @@ def test_model_is_compared_with_ranges_and_truth(tiny, monkeypatch, capsys):
     said = capsys.readouterr().out.removesuffix("\n")
     page = (tiny / "build/reference_ranges/vae-test.md").read_text()
     assert page.partition("## ")[0] == said.partition("## ")[0]
-    outside = [line for line in said.splitlines() if any("**outside**" in cell for cell in line.split(" | ")[3:6])]
-    assert outside == [line for line in page.splitlines() if "**outside**" in line] != []
-    rows = {row.split(" | ")[0].removeprefix("| "): row.split(" | ")[3:] for row in said.splitlines() if " | " in row}
+    outside = [line for line in said.splitlines() if any("**outside**" in cell for cell in line.split(" | ")[4:7])]
+    shown = page.partition("## Outside the range")[2]
+    assert outside == [line for line in shown.splitlines() if "**outside**" in line] != []
+    rows = {row.split(" | ")[0].removeprefix("| "): row.split(" | ")[4:] for row in said.splitlines() if " | " in row}
     everything = (tiny / "build/reference_ranges/vae-test.csv").read_text()
     lines = [line for line in said.partition("## Statistics")[2].splitlines() if line.startswith("|")]
     assert len(list(csv.reader(everything.splitlines()))) == len(lines) - 1  # the rule under the headings
@@ -33,6 +34,13 @@ def test_model_is_compared_with_ranges_and_truth(tiny, monkeypatch, capsys):
     wide = rows["head within a clip: yaw SD, deg"]
     assert float(wide[0].split()[0]) == pytest.approx(float(wide[1].split()[0]), rel=0.05)
     assert any(row.startswith("style") for row in rows)
+    ties = page.partition("## Sound and motion")[2].partition("## Outside")[0]
+    for row in (
+        "sound to averted state",
+        "variance between takes / total, same sound: eye",
+        "matched / mismatched sound",
+    ):
+        assert f"| {row}" in ties
     assert not any(row.startswith("jaw") for row in rows)
 
 
