@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from typing import get_args
 
@@ -14,6 +15,7 @@ from pipelines import combinations, critic, table_runs, validate
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
+from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.benchmark.corr import CRITICS, corr_scores
 from talkingeyes.evaluation.benchmark.document import VERSION
 from talkingeyes.evaluation.benchmark.metric_class import LEARNT, class_of
@@ -119,6 +121,21 @@ def test_sweep_metrics_exist_for_any_number_of_processes(workspace):
         < sum(one["worse"] is not None for one in table["metrics"].values())
     )
     assert table["metrics"]["eye/speed"]["value"] is not None
+
+
+def test_validation_needs_no_file_of_test_or_unseen(workspace, tmp_path):
+    shutil.copytree(workspace.root, tmp_path, dirs_exist_ok=True)
+    alone = replace(workspace, root=tmp_path)
+    held_out = Corpus(alone.corpus).select("test", "unseen")
+    names = {name for clip in held_out for name in (clip.id, clip.sound)}
+    removed = [path for path in tmp_path.rglob("*") if path.stem in names]
+    assert len(removed) >= 3 * len(held_out)
+    for path in removed:
+        path.unlink()
+    for made in (workspace, alone):
+        validate.run(made, "random")
+    first, second = (made.data("validate", "random", "metrics.json").read_bytes() for made in (workspace, alone))
+    assert first == second
 
 
 def test_combination_has_metrics_and_cost(workspace):
