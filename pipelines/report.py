@@ -334,7 +334,10 @@ def _compared(
     for split, sounds in informed.items():
         found |= {f"{split}/information/{key}": each["value"] for key, each in sounds["own"].items()}
     if required:
-        found |= {"ties_met": float(count_met(required, True)), "margins_met": float(count_met(required, False))}
+        found |= {
+            "requirements_ties": float(count_met(required, True)),
+            "requirements_margins": float(count_met(required, False)),
+        }
     on_val = workspace.data("validate", name, "metrics.json")
     return found | {f"val/{key}": value for key, value in (_json(on_val) if on_val.exists() else {}).items()}
 

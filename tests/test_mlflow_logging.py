@@ -131,7 +131,7 @@ def test_row_is_logged_once_with_plot_and_configuration(tmp_path, recorded_root)
     index = recorded_root / "data" / "synthesize" / "clips.parquet"
     index.parent.mkdir(parents=True)
     index.write_bytes(b"index")
-    of_vae = MethodResult("vae", {"test/gaze/l2": 0.25, "val/corr": 0.5, "ties_met": 1.0}, [plot])
+    of_vae = MethodResult("vae", {"test/gaze/l2": 0.25, "val/corr": 0.5, "requirements_ties": 1.0}, [plot])
     report = Report({"error": 0.5}, [plot], [of_vae, MethodResult("truth", {})])
     for _ in range(2):
         log_run(recorded_root, "report", "report", PARAMS, {"fit"}, 1.5, report, ["train.seed=1"])
@@ -159,7 +159,7 @@ def test_row_is_logged_once_with_plot_and_configuration(tmp_path, recorded_root)
 
 def test_the_view_opens_on_test_and_val_with_the_tie_to_the_sound():
     figures = {"diversity_ratio", "corr", "tie_ratio", "speed_ratio", "still_fraction"}
-    assert TEST_METRICS[:2] == ("ties_met", "margins_met")
+    assert TEST_METRICS[:2] == ("requirements_ties", "requirements_margins")
     for metric in TEST_METRICS[2:]:
         split, part, figure = metric.split("/")
         assert split == "test"

@@ -83,7 +83,7 @@ def test_metrics_hold_every_row_flat(workspace, reported):
     tie = reported.rows[4].metrics
     fitted = reported.rows[1].metrics["test/gaze/corr_minus_shuffled"]
     assert tie["test/gaze/tie_ratio"] == pytest.approx(tie["test/gaze/corr_minus_shuffled"] / fitted)
-    assert (tie["ties_met"], tie["margins_met"]) == tuple(
+    assert (tie["requirements_ties"], tie["requirements_margins"]) == tuple(
         sum(_met(workspace, "random", ties)) for ties in (True, False)
     )
     assert {key for key in tie if key.startswith("val/")} == {"val/corr"}

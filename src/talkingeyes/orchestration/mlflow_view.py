@@ -23,8 +23,8 @@ from talkingeyes.core.errors import InputError
 # (diversity, speed; ratios to the truth) and follow its sound (the tie: Corr. less that under other sounds of the
 # speaker, as a ratio to fitted motion).
 TEST_METRICS = (
-    "ties_met",
-    "margins_met",
+    "requirements_ties",
+    "requirements_margins",
     "test/gaze/diversity_ratio",
     "test/gaze/speed_ratio",
     "test/gaze/corr",
@@ -39,7 +39,7 @@ TEST_METRICS = (
 VAL_METRICS = ("val/eye_speed_ratio", "val/corr", "val/tie", "val/corr_head", "val/tie_head", "val/dynamics_distance")
 TAGS = ("experiment", "seed", "split", "corpus", "revision")
 # The table opens sorted by the ties to speech that a row meets, the most first.
-ORDER_BY = "metrics.`ties_met`"
+ORDER_BY = "metrics.`requirements_ties`"
 
 NAME = "Comparison"
 TAG = "mlflow.sharedViewState.comparison"

@@ -83,7 +83,10 @@ def row_metrics(
     first |= {} if aversion is None else {"aversion_information": round(aversion["information"]["value"], 4)}
     named = [*((f"{part}_{name}", part, name) for _, part, name in COLUMNS), *FACE_METRICS]
     found = {title: metric(row, SPLIT, part, name) for title, part, name in named}
-    met = {"ties_met": float(count_met(required, True)), "margins_met": float(count_met(required, False))}
+    met = {
+        "requirements_ties": float(count_met(required, True)),
+        "requirements_margins": float(count_met(required, False)),
+    }
     return first | {title: round(each["value"], 4) for title, each in found.items() if each} | (met if required else {})
 
 
