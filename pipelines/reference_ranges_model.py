@@ -92,7 +92,7 @@ samples a sound). Matching is between 8 s of the sound and of others of the spea
 of the same column for up to 600 training sounds; a speaker of val has one sound, so it needs `--split test`.
 
 """
-REASON = re.compile(r"\| - \([^|]*\) \|")  # of a missing value; only the CSV file has it
+REASON = re.compile(r"\| - \([^|]*\) (?=\|)")  # of a missing value; only the CSV file has it
 OUTSIDE = """## Outside the range
 
 Statistics with a value of the model outside their range; all are in [{data_file}]({data_file}).
@@ -325,7 +325,7 @@ def page_of(text: str, data_file: str) -> str:
     random = table.columns.index("Random")
     ties = table.markdown(shown, lambda row: row[0] in tied and not row[random].startswith("- ("))
     parts = (TIES.format(probed=PROBED), ties, "\n\n", OUTSIDE.format(data_file=data_file), rows, "\n")
-    return text.partition("## Statistics")[0] + REASON.sub("| - |", "".join(parts))
+    return text.partition("## Statistics")[0] + REASON.sub("| - ", "".join(parts))
 
 
 def counts(found: Measurements, learnt: bool = False) -> str:

@@ -23,7 +23,8 @@ def test_model_is_compared_with_ranges_and_truth(tiny, monkeypatch, capsys):
     assert page.partition("## ")[0] == said.partition("## ")[0]
     outside = [line for line in said.splitlines() if any("**outside**" in cell for cell in line.split(" | ")[4:7])]
     shown = page.partition("## Outside the range")[2]
-    assert outside == [line for line in shown.splitlines() if "**outside**" in line] != []
+    without_reasons = [reference_ranges_model.REASON.sub("| - ", line) for line in outside]
+    assert without_reasons == [line for line in shown.splitlines() if "**outside**" in line] != []
     rows = {row.split(" | ")[0].removeprefix("| "): row.split(" | ")[4:] for row in said.splitlines() if " | " in row}
     everything = (tiny / "build/reference_ranges/vae-test.csv").read_text()
     lines = [line for line in said.partition("## Statistics")[2].splitlines() if line.startswith("|")]
@@ -35,12 +36,9 @@ def test_model_is_compared_with_ranges_and_truth(tiny, monkeypatch, capsys):
     assert float(wide[0].split()[0]) == pytest.approx(float(wide[1].split()[0]), rel=0.05)
     assert any(row.startswith("style") for row in rows)
     ties = page.partition("## Sound and motion")[2].partition("## Outside")[0]
-    for row in (
-        "sound to averted state",
-        "variance between takes / total, same sound: eye",
-        "matched / mismatched sound",
-    ):
+    for row in ("sound to averted state", "variance between takes / total, same sound: eye"):
         assert f"| {row}" in ties
+    assert "matched / mismatched sound" in everything, "a tiny corpus has too few sounds for it; the CSV file says so"
     assert not any(row.startswith("jaw") for row in rows)
 
 
