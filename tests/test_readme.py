@@ -57,9 +57,9 @@ def test_figures_of_the_release_are_those_of_its_report(lines: list[str], reposi
     fall = figure(required, "drop of averted gaze after speech onsets", "TalkingEyes, events")
     stated = re.search(r"rises (\S+) and falls (\S+) times as much as the truth's", " ".join(lines))
     assert stated and stated.groups() == (f"{rise[0] / rise[1]:.2f}", f"{fall:.2f}")
-    told = tables["Information of speech about averted gaze, nats per second"]
+    information = tables["Information of speech about averted gaze, nats per second"]
     known = [
-        float(next(row[1] for row in told.rows if row[0].startswith(name)).split()[0])
+        float(next(row[1] for row in information.rows if row[0].startswith(name)).split()[0])
         for name in ("TalkingEyes, events", "Truth")
     ]
     assert f"speech tells {known[0] / known[1]:.2f} as much about it" in " ".join(lines)
