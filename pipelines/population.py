@@ -1,6 +1,6 @@
 """Estimate a population of gaze from recorded people in conversation: physiology/populations/remote_call.yaml.
 
-Run     python -m pipelines.population [PEOPLE]        (six minutes of a core)
+Run     python -m pipelines.population [PEOPLE]        (eight minutes of a core)
 Reads   PEOPLE (../shared/data/real/gaze/conversation_fixations.csv.gz), of which four people are kept for validation
 Writes  src/talkingeyes/physiology/populations/remote_call.yaml
 Prints  what the recordings give, and what the estimated population gives through the simulated tracker; then the
@@ -45,7 +45,8 @@ from talkingeyes.workflows.evaluate_people import gaze_clip
 
 SOURCE = "Dembinsky, Watanabe, Dengel & Ishimaru 2024 (ETRA), doi 10.1145/3649902.3653337, Apache-2.0; people 00 to 07"
 HEADER = """# Gaze of people in remote calls, estimated by `python -m pipelines.population`; do not edit. Parameters:
-# physiology/gaze_population.py. Standard errors are those of eight people, before the correction for the tracker.
+# physiology/gaze_population.py. Standard errors are those of eight people, before the correction for the tracker; those
+# of standard deviations and shared parameters are by bootstrap over people.
 """
 SEED = 0
 POPULATIONS = ("face_to_face", "remote_call")
@@ -96,11 +97,13 @@ def table(recorded: GazePopulation, population: GazePopulation, seen: GazePopula
     for state in STATES:
         for name, each in recorded.states[state].people.items():
             others = (population.states[state].people[name], seen.states[state].people[name])
-            cells = [f"{each.mean:.2f} ± {each.standard_error:.2f} (SD {each.sd:.2f})"]
+            error = population.states[state].standard_errors[name]
+            cells = [f"{each.mean:.2f} ± {each.standard_error:.2f} (SD {each.sd:.2f} ± {error:.2f})"]
             rows.append([state, name, *cells, *(f"{other.mean:.2f} (SD {other.sd:.2f})" for other in others)])
         for name, value in recorded.states[state].shared.model_dump().items():
             values = (getattr(one.states[state].shared, name) for one in (population, seen))
-            rows.append([state, name, f"{value:.2f}", *(f"{other:.2f}" for other in values)])
+            error = population.states[state].standard_errors[name]
+            rows.append([state, name, f"{value:.2f} ± {error:.2f}", *(f"{other:.2f}" for other in values)])
     return markdown_table(["state", "parameter", "recorded", "population", "population, through the tracker"], rows)
 
 

@@ -15,6 +15,7 @@ from talkingeyes.evaluation.people.population import (
     estimate_population,
     over_people,
     simulate_people,
+    standard_errors,
 )
 from talkingeyes.physiology.blinks import PHYSIOLOGICAL
 from talkingeyes.physiology.gaze_population import (
@@ -23,6 +24,7 @@ from talkingeyes.physiology.gaze_population import (
     STATES,
     GazeHabits,
     GazePopulation,
+    SharedParameters,
     read_population,
     sample_habits,
 )
@@ -89,6 +91,16 @@ class TestEstimates:
             true = np.mean([each.states[state].parameters["log_s_partner"] for each in people])
             assert seen.states[state].people["log_s_partner"].mean > true + 0.1
 
+    def test_standard_errors_are_those_of_drawing_other_people(self) -> None:
+        people = simulate_people(POPULATION, 8, seed=0)
+        same = standard_errors([people[0]] * 8, "speaking", seed=0)
+        assert max(same.values()) < 1e-9
+        found = standard_errors(people, "speaking", seed=0)
+        assert list(found) == [*PERSON_PARAMETERS, *SharedParameters.model_fields]
+        spread = POPULATION.states["speaking"].people["logit_leave"].sd
+        assert 0.1 * spread < found["logit_leave"] < spread
+        assert 0 < found["step_median_deg"] < 0.5 * POPULATION.states["speaking"].shared.step_median_deg
+
     def test_a_population_can_be_written_and_read(self) -> None:
         assert GazePopulation.model_validate(as_mapping(POPULATION)) == POPULATION
 
@@ -104,6 +116,9 @@ class TestPeople:
         for state in STATES:
             assert tuple(POPULATION.states[state].people) == PERSON_PARAMETERS
             assert all(each.standard_error > 0 for each in POPULATION.states[state].people.values())
+            errors = POPULATION.states[state].standard_errors
+            assert set(errors) == {*PERSON_PARAMETERS, *SharedParameters.model_fields}
+            assert min(errors.values()) > 0
 
     def test_sampled_people_have_the_spread_of_the_population(self) -> None:
         people = [sample_habits(POPULATION, np.random.default_rng(index)) for index in range(2000)]

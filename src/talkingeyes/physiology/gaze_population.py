@@ -68,10 +68,15 @@ class SharedParameters(Settings):
 
 
 class StatePopulation(Settings):
-    """Gaze of a population in one state."""
+    """Gaze of a population in one state.
+
+    `standard_errors`: of the standard deviations over people, by parameter of a person, and of the shared parameters;
+    empty if they were not estimated.
+    """
 
     people: dict[str, PersonParameter]
     shared: SharedParameters
+    standard_errors: dict[str, float]
 
 
 class GazePopulation(Settings):

@@ -34,6 +34,7 @@ from talkingeyes.physiology.gaze_population import (
     sample_habits,
 )
 
+RESAMPLES = 200  # of people, for standard errors
 MIN_EVENTS = 10  # of a person and state, for an estimate of his own
 EM_STEPS = 30
 SIMULATED_PEOPLE, SIMULATED_S, CLIP_S = 96, 180.0, 60.0
@@ -94,7 +95,7 @@ def estimate_population(people: Sequence[Person], source: str) -> GazePopulation
             estimates = [each.get(name) for each in own]
             parameters[name] = over_people([each for each in estimates if each is not None])
             columns.append([np.nan if each is None else each.value for each in estimates])
-        states[state] = StatePopulation(people=parameters, shared=_shared(found))
+        states[state] = StatePopulation(people=parameters, shared=_shared(found), standard_errors={})
     return GazePopulation(
         source=source, range_deg=_range_deg(people), states=states, correlation=_correlation(np.array(columns))
     )
@@ -108,13 +109,39 @@ def _range_deg(people: Sequence[Person]) -> tuple[tuple[float, float], tuple[flo
 
 
 def corrected_population(people: Sequence[Person], source: str, seed: int) -> GazePopulation:
-    """The population whose gaze gives the recordings through the tracker; for `people` that are recorded."""
+    """The population whose gaze gives the recordings through the tracker; for `people` that are recorded.
+
+    Standard errors are those of the recordings.
+    """
     target = estimate_population(people, source)
-    population = target
+    population = target.model_copy(
+        update={
+            "states": {
+                state: each.model_copy(update={"standard_errors": standard_errors(people, state, seed)})
+                for state, each in target.states.items()
+            }
+        }
+    )
     for _ in range(ROUNDS):  # with the same random numbers, or it would follow the noise of each simulation
         seen = estimate_population(simulate_people(population, SIMULATED_PEOPLE, seed), source)
         population = _moved(population, target, seen)
     return population
+
+
+def standard_errors(people: Sequence[Person], state: str, seed: int) -> dict[str, float]:
+    """Standard errors of the standard deviations over people and of the shared parameters: bootstrap over people."""
+    found = [Fixations.of(each, state) for each in people]
+    own, rng = [_own(each) for each in found], np.random.default_rng(seed)
+    drawn: dict[str, list[float]] = {}
+    for _ in range(RESAMPLES):
+        chosen = rng.integers(len(people), size=len(people))
+        for name in PERSON_PARAMETERS:
+            estimates = [own[index][name] for index in chosen if name in own[index]]
+            if len(estimates) > 1:
+                drawn.setdefault(name, []).append(over_people(estimates).sd)
+        for name, value in _shared([found[index] for index in chosen]).model_dump().items():
+            drawn.setdefault(name, []).append(value)
+    return {name: float(np.std(values, ddof=1)) for name, values in drawn.items()}
 
 
 def over_people(estimates: Sequence[Estimate]) -> PersonParameter:
@@ -252,7 +279,7 @@ def _moved(population: GazePopulation, target: GazePopulation, seen: GazePopulat
             for name, value in old.shared.model_dump().items()
         }
         shared["place_share"] = min(shared["place_share"], 0.95)
-        states[state] = StatePopulation(people=people, shared=SharedParameters(**shared))
+        states[state] = old.model_copy(update={"people": people, "shared": SharedParameters(**shared)})
     return population.model_copy(update={"states": states})
 
 
