@@ -1,6 +1,6 @@
 """Sensitivity of every benchmark metric to known corruptions of true motion, and the smallest dose that it detects.
 
-Run     python -m benchmarks.sensitivity [SPEAKERS]     (five minutes of CPU; 24 speakers, four sounds each)
+Run     python -m benchmarks.sensitivity [SPEAKERS]     (seven minutes of CPU; 24 speakers, four sounds each)
 Reads   conf/critic/default.yaml (the encoder); no corpus: true takes are sampled by synthesis/sketched_clips.py
 Writes  docs/sensitivity.md, docs/sensitivity.csv, docs/sensitivity_doses.csv
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import io
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import yaml
@@ -32,7 +32,7 @@ from talkingeyes.evaluation.sensitivity.matrix import (
     train_pool_encoder,
 )
 from talkingeyes.orchestration.run import configure_environment
-from talkingeyes.synthesis.sketched_clips import sketch_clips
+from talkingeyes.synthesis.sketched_clips import SketchedClip, sketch_clips
 
 ROOT = Path(__file__).resolve().parents[1]
 SOUNDS, TAKES, SECONDS, FPS = 4, 4, 12.0, 25.0
@@ -42,6 +42,11 @@ NAMED = 2  # metrics that detect the smallest dose
 # aversion. Corruptions that can be seen in it.
 PERSONAL, PERSONAL_SPEAKERS = "remote_call", 3  # times as many speakers
 PERSONAL_CORRUPTIONS = ("swapped speaker", "mirrored left-right", "mirrored up-down", "flipped eye yaw")
+# What the first takes have too little of, or none: events of a conversation, and frames as short as saccades.
+CONVERSATION_SPEAKERS, CONVERSATION_SECONDS = 2, 24.0  # times as many speakers
+CONVERSATION_CORRUPTIONS = ("frozen", "smoothed", "reduced amplitude", "delayed", "swapped speaker", "flipped eyes")
+FAST_FPS = 60.0
+FAST_CORRUPTIONS = ("jittered", "smoothed", "reduced amplitude", "delayed eyes")
 # Columns of the table of smallest doses, and the families of metrics in each.
 GROUPS = {
     "saccades": ("saccades", "main_sequence", "fixations"),
@@ -91,10 +96,19 @@ The smallest dose that any metric of a family detects; "-": none.
 - **Late by 3 s** and **another speaker's motion** do not change any distribution. Metrics that depend on speech or
   speaker detect them: {late} (late), {swapped} (swapped); and Corr. against other sounds of the speaker (Table III).
 - **Places of one's own**: {blind} detect nothing in the people of this page, who have none, so that true takes of a
-  sound hardly correlate ({blind_values}). In {personal_speakers} people of a recorded population
-  (`synthesize.population: {personal}`) they detect: {personal_doses}; these are their doses in the CSV file.
+  sound hardly correlate ({blind_values}); the table below has people who do.
   Metrics that detect nothing at all (marked † in [benchmark.md](benchmark.md)): {unseen}.
-- **Not tested**, for want of a value on these takes (‡): {untested}. For Corr. see [corr.md](corr.md).
+- **Not tested** (‡): {untested}. For Corr. see [corr.md](corr.md).
+
+## Metrics that need other takes
+
+The smallest doses that they detect in {personal_speakers} people of a recorded population
+(`synthesize.population: {personal}`), in conversations of {conversation_speakers} people, and at {fast_fps:.0f} frames
+a second; of {personal_corruptions}; {conversation_corruptions}; {fast_corruptions}.
+
+| metric | takes | detects |
+| --- | --- | --- |
+{further}
 """
 
 
@@ -114,22 +128,48 @@ def main() -> None:
     blind = [name for name, cells in doses.items() if not any(cells.values())]
     personal = split_takes(sketch_clips(PERSONAL_SPEAKERS * speakers, SOUNDS, TAKES, SECONDS, FPS, 0, PERSONAL))
     seen = smallest_doses(personal, BOOTSTRAP, None, [BY_NAME[name] for name in PERSONAL_CORRUPTIONS])
-    doses = {**doses, **{name: {**dict.fromkeys(BY_NAME), **seen[name]} for name in blind}}
-    text = page(found, doses, blind, takes, speakers)
+    further = {
+        PERSONAL: {name: seen[name] for name in blind},
+        "conversations": _untested(found, _conversations(speakers), CONVERSATION_CORRUPTIONS),
+        f"{FAST_FPS:.0f} fps": _untested(
+            found, sketch_clips(speakers, 1, TAKES, SECONDS, FAST_FPS, seed=0), FAST_CORRUPTIONS
+        ),
+    }
+    text = page(found, doses, further, takes, speakers)
+    for of_pool in further.values():
+        doses = {**doses, **{name: {**dict.fromkeys(BY_NAME), **cells} for name, cells in of_pool.items()}}
     (ROOT / "docs/sensitivity.md").write_text(text)
     (ROOT / "docs/sensitivity.csv").write_text(table(found, (UNCORRUPTED, *CORRUPTIONS)))
     (ROOT / "docs/sensitivity_doses.csv").write_text(dose_table(doses))
     print(text)
 
 
-def page(found: SensitivityMatrix, doses: SmallestDoses, blind: Sequence[str], takes: TakeSets, speakers: int) -> str:
-    """The whole page. `blind`: metrics whose doses are those of people with places of their own."""
+def _conversations(speakers: int) -> list[SketchedClip]:
+    return sketch_clips(
+        CONVERSATION_SPEAKERS * speakers, SOUNDS, TAKES, CONVERSATION_SECONDS, FPS, seed=0, conversation=True
+    )
+
+
+def _untested(found: SensitivityMatrix, clips: Sequence[SketchedClip], corruptions: Sequence[str]) -> SmallestDoses:
+    """The smallest doses that metrics detect in these clips, of the metrics that have no value in those of the page."""
+    doses = smallest_doses(split_takes(clips), BOOTSTRAP, None, [BY_NAME[name] for name in corruptions])
+    return {name: cells for name, cells in doses.items() if name not in found}
+
+
+def page(
+    found: SensitivityMatrix, doses: SmallestDoses, further: Mapping[str, SmallestDoses], takes: TakeSets, speakers: int
+) -> str:
+    """The whole page. `further`: doses of metrics that need other takes, by the name of these takes."""
+    blind = list(further[PERSONAL])
     same_pool = {name: cells for name, cells in doses.items() if name not in blind}
-    tested = {_family(name) for name in found}
+    elsewhere = {name: cells for of_takes in further.values() for name, cells in of_takes.items()}
+    known = {**found, **elsewhere}
+    unseen = [name for name, cells in elsewhere.items() if not any(cells.values())]
+    tested = {_family(name) for name in known}
     untested = dict.fromkeys(
         name if _family(name) in tested else _family(name)
         for name in (metric.name for metric in METRICS)
-        if name not in found
+        if name not in known
     )
     return PAGE.format(
         speakers=speakers,
@@ -150,8 +190,17 @@ def page(found: SensitivityMatrix, doses: SmallestDoses, blind: Sequence[str], t
         blind_values=", ".join(f"{found[name][UNCORRUPTED.name].value:.2f}" for name in blind),
         personal=PERSONAL,
         personal_speakers=PERSONAL_SPEAKERS * speakers,
-        personal_doses=_personal_doses({name: doses[name] for name in blind}),
-        unseen=", ".join(f"`{name}`" for name in blind if not any(doses[name].values())) or "none",
+        personal_corruptions=_titles(PERSONAL_CORRUPTIONS),
+        conversation_speakers=CONVERSATION_SPEAKERS * speakers,
+        conversation_corruptions=_titles(CONVERSATION_CORRUPTIONS),
+        fast_fps=FAST_FPS,
+        fast_corruptions=_titles(FAST_CORRUPTIONS),
+        further="\n".join(
+            markdown_row([f"`{name}`", of_takes, _doses(cells)])
+            for of_takes, doses_of in further.items()
+            for name, cells in doses_of.items()
+        ),
+        unseen=", ".join(f"`{name}`" for name in unseen) or "none",
         untested=", ".join(f"`{name}`" for name in untested),
         false=sum(cells[UNCORRUPTED.name].effect_size > 1 for cells in found.values()),
         all=len(found),
@@ -175,8 +224,9 @@ def dose_table(doses: SmallestDoses) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["metric", *(f"{each.name} ({each.unit})" for each in dosed)])
-    for metric, cells in doses.items():
-        writer.writerow([metric, *(_dose(cells[each.name], "") for each in dosed)])
+    for metric in METRICS:
+        if cells := doses.get(metric.name):
+            writer.writerow([metric.name, *(_dose(cells[each.name], "") for each in dosed)])
     return text.getvalue()
 
 
@@ -195,17 +245,16 @@ def _fault(found: SensitivityMatrix, doses: SmallestDoses, corruption: Corruptio
     return [*cells, f"{_bounded(least, corruption)} {corruption.unit}", ", ".join(first[:NAMED]) + more]
 
 
-def _personal_doses(doses: SmallestDoses) -> str:
-    """The corruptions that each metric detects, with the smallest dose of each."""
-    return "; ".join(
-        f"`{metric}` "
-        + ", ".join(
-            f"*{name}* ({_bounded(dose, BY_NAME[name])} {BY_NAME[name].unit})"
-            for name, dose in cells.items()
-            if dose is not None
-        )
-        for metric, cells in doses.items()
-        if any(cells.values())
+def _titles(corruptions: Sequence[str]) -> str:
+    return ", ".join(f"*{name}*" for name in corruptions)
+
+
+def _doses(cells: Mapping[str, float | None]) -> str:
+    """The corruptions that a metric detects, with the smallest dose of each."""
+    return ", ".join(
+        f"{name} ({_bounded(dose, BY_NAME[name])} {BY_NAME[name].unit})"
+        for name, dose in cells.items()
+        if dose is not None
     )
 
 
