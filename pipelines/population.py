@@ -45,8 +45,8 @@ from talkingeyes.workflows.evaluate_people import gaze_clip
 
 SOURCE = "Dembinsky, Watanabe, Dengel & Ishimaru 2024 (ETRA), doi 10.1145/3649902.3653337, Apache-2.0; people 00 to 07"
 HEADER = """# Gaze of people in remote calls, estimated by `python -m pipelines.population`; do not edit. Parameters:
-# physiology/gaze_population.py. Standard errors are those of eight people, before the correction for the tracker; those
-# of standard deviations and shared parameters are by bootstrap over people.
+# physiology/gaze_population.py. Standard errors are those of eight people, before the correction for the tracker.
+# Under `standard_errors`: of the standard deviation (sd) of each parameter of a person, and of each shared parameter.
 """
 SEED = 0
 POPULATIONS = ("face_to_face", "remote_call")

@@ -147,6 +147,7 @@ def _language_table(workspace: Workspace) -> str:
     )
     measure = partial(evaluate.evaluate_sound, paths, Evaluators.load(critic))
     evaluated = [each for each in parallel_map(measure, sounds, workspace.jobs, "languages") if each is not None]
+    assert len(evaluated) == len(sounds), "a model has motion for every sound"
     languages = [sound.clip.language for sound in sounds]
     generated, true = list[SoundAversion](), list[SoundAversion]()
     for sound, each in zip(sounds, evaluated, strict=True):

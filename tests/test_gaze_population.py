@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from talkingeyes.audio.annotation import Annotation, Span
+from talkingeyes.evaluation.people import population
 from talkingeyes.evaluation.people.fixations import FixationRecord, Person
 from talkingeyes.evaluation.people.population import (
     Estimate,
@@ -91,7 +92,8 @@ class TestEstimates:
             true = np.mean([each.states[state].parameters["log_s_partner"] for each in people])
             assert seen.states[state].people["log_s_partner"].mean > true + 0.1
 
-    def test_standard_errors_are_those_of_drawing_other_people(self) -> None:
+    def test_standard_errors_are_those_of_drawing_other_people(self, monkeypatch) -> None:
+        monkeypatch.setattr(population, "RESAMPLES", 40)
         people = simulate_people(POPULATION, 8, seed=0)
         same = standard_errors([people[0]] * 8, "speaking", seed=0)
         assert max(same.values()) < 1e-9

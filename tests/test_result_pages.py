@@ -164,6 +164,16 @@ def test_page_of_sensitivity() -> None:
             first = next(row[0] for row in same_pool if row[column] == least)
             bound = "≤ " if float(least) <= 1.01 * each.doses[0] else ""
             assert f"| {bound}{least} {each.unit} | `{first}`" in line[0]
+    elsewhere = {row[0]: row[1:] for row in doses if row[0] not in tested - personal}
+    units = [(each.name, each.unit) for each in CORRUPTIONS if each.doses]
+    shown = {
+        name.strip("`"): {cell.replace("≤ ", "") for cell in detected.split(", ")}
+        for name, _, detected in read_tables(text)["Metrics that need other takes"].rows
+    }
+    assert shown == {
+        name: {f"{fault} ({dose} {unit})" for (fault, unit), dose in zip(units, row, strict=True) if dose}
+        for name, row in elsewhere.items()
+    }
     blind = [f"`{row[0]}`" for row in doses if not any(row[1:])]
     assert f"nothing at all (marked † in [benchmark.md](benchmark.md)): {', '.join(blind) or 'none'}." in text
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -83,6 +84,12 @@ class Fixations:
         """The next place; only valid where `ended`."""
         return np.roll(self.place_deg, -1, axis=0)
 
+    @cached_property
+    def log_durations(self) -> dict[bool, tuple[float, float, int] | None]:
+        """At the partner and away: mean and standard deviation of log durations, with cuts as censoring, and number of
+        ends seen; None with too few."""
+        return {away: _log_durations(self, away) for away in (False, True)}
+
 
 def estimate_population(people: Sequence[Person], source: str) -> GazePopulation:
     """The population of recorded people, without the correction for the tracker."""
@@ -114,14 +121,11 @@ def corrected_population(people: Sequence[Person], source: str, seed: int) -> Ga
     Standard errors are those of the recordings.
     """
     target = estimate_population(people, source)
-    population = target.model_copy(
-        update={
-            "states": {
-                state: each.model_copy(update={"standard_errors": standard_errors(people, state, seed)})
-                for state, each in target.states.items()
-            }
-        }
-    )
+    states = {
+        state: each.model_copy(update={"standard_errors": standard_errors(people, state, seed)})
+        for state, each in target.states.items()
+    }
+    population = target.model_copy(update={"states": states})
     for _ in range(ROUNDS):  # with the same random numbers, or it would follow the noise of each simulation
         seen = estimate_population(simulate_people(population, SIMULATED_PEOPLE, seed), source)
         population = _moved(population, target, seen)
@@ -162,7 +166,7 @@ def _own(fixations: Fixations) -> dict[str, Estimate]:
     """Parameters of one person; those without enough fixations are left out."""
     found: dict[str, Estimate] = {}
     for place, away in (("partner", False), ("away", True)):
-        if durations := _log_durations(fixations, away):
+        if durations := fixations.log_durations[away]:
             mean, sd, count = durations
             found[f"log_s_{place}"] = Estimate(mean, sd / np.sqrt(count))
         ended = fixations.ended & fixations.at(away)
@@ -187,7 +191,7 @@ def _shared(found: Sequence[Fixations]) -> SharedParameters:
     """Parameters shared by all people: geometric means of the deviations within people, and steps by EM."""
     deviation = {}
     for away in (False, True):
-        rows = [row for each in found if (row := _log_durations(each, away))]
+        rows = [row for each in found if (row := each.log_durations[away])]
         deviation[away] = float(np.exp(np.average(np.log([sd for _, sd, _ in rows]), weights=[n for _, _, n in rows])))
     near = np.concatenate([each.place_deg[~each.away] for each in found])
     median, log_sd, flatness = _steps(found)
@@ -203,7 +207,6 @@ def _shared(found: Sequence[Fixations]) -> SharedParameters:
 
 
 def _log_durations(fixations: Fixations, away: bool) -> tuple[float, float, int] | None:
-    """Mean and standard deviation of log durations, with cuts as censoring, and number of ends seen."""
     timed = fixations.onset_seen & fixations.at(away)
     ended = timed & fixations.ended
     if ended.sum() < MIN_EVENTS:
