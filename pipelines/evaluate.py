@@ -8,17 +8,18 @@ and fitted have it besides the others (`evaluate_face`).
 
 Reads: the corpus, data/fit, data/embed, data/critic, for a model data/sample/<model>.
 
-Writes: data/evaluate/<row>/metrics.json {split: {part: {metric: {value, low, high}}}}, speed.csv (fraction of frames
-that are faster); on both splits together aversion.json: what speech tells about gaze aversion, and benchmark.json: the
-gaze benchmark, compared with all takes of the truth (in a corpus without truth: with the fitted motion). A corpus
-without truth has an empty row `truth`.
+Writes: data/evaluate/<row>/metrics.json {split: {part: {metric: {value, low, high, speakers_low, speakers_high}}}}, the
+intervals over sounds and over speakers (those of the face over sounds alone); speed.csv (fraction of frames that are
+faster); on both splits together aversion.json: what speech tells about gaze aversion, and benchmark.json: the gaze
+benchmark, compared with all takes of the truth (in a corpus without truth: with the fitted motion). A corpus without
+truth has an empty row `truth`.
 """
 
 from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -33,7 +34,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.fitted_clips import motion_path
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.recordings import Recording, Recordings
+from talkingeyes.corpus.recordings import Recordings
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus, shard_path
@@ -63,7 +64,6 @@ from talkingeyes.evaluation.paper_metrics.summary import (
     EvaluateSettings,
     EvaluationCase,
     clip_metrics,
-    crop_samples,
     summarise,
 )
 from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
@@ -130,7 +130,7 @@ def run(workspace: Workspace, name: str, training: Workspace | None = None) -> R
         aversions.append(one.aversion)
         for part, of_part in one.figures.items():
             found[item.takes[0].split][part].append(of_part)
-    figures = {
+    figures: dict[str, dict[str, Mapping[str, Estimate]]] = {
         split: {part: summarise(part, clips, settings.bootstrap) for part, clips in parts.items() if clips}
         for split, parts in found.items()
     }
@@ -213,19 +213,20 @@ def evaluate_sound(paths: InputPaths, evaluators: Evaluators, item: SoundGroup) 
     """Evaluate one sound; None if the row has no motion for it (a speaker with one sound has no mismatch)."""
     corpus, clip = Corpus(paths.corpus), item.takes[0]
     takes = Recordings(item.takes, paths.fit, paths.embed)[:]
-    fitted = stack_motions(clip.fps, takes)
+    fitted = Samples.of(clip.fps, takes)
     true = [corpus.truth(take) for take in item.takes] if corpus.has_truth else None
-    truth = stack_motions(clip.fps, true) if true else None
+    truth = Samples.of(clip.fps, true) if true else None
     samples = _samples(paths, item, fitted, truth)
     if samples is None:
         return None
     frames = min(len(takes[0]), *(each.head.shape[1] for each in (samples, fitted, truth or fitted)))
     speech, others = np.array(takes[0].speech[:frames]), _other_sounds(paths, item)
     case = EvaluationCase(
-        samples=crop_samples(samples, frames),
+        speaker=clip.speaker,
+        samples=samples.cropped(frames),
         includes_reference=paths.row in ("truth", "fitted"),
-        fitted=crop_samples(fitted, frames),
-        truth=crop_samples(truth, frames) if truth else None,
+        fitted=fitted.cropped(frames),
+        truth=truth.cropped(frames) if truth else None,
         valid=takes[0].valid[:frames],
     )
     scores, fitted_corr_scores = (
@@ -279,28 +280,18 @@ def _samples(paths: InputPaths, item: SoundGroup, fitted: Samples, truth: Sample
         return fitted
     if paths.row == "mismatched":
         others = Recordings(item.others, paths.fit, paths.embed)[:]
-        return stack_motions(item.takes[0].fps, others) if others else None
+        return Samples.of(item.takes[0].fps, others) if others else None
     return Samples.load(shard_path(paths.sample, item.takes[0].id, ".npz"))
 
 
-def stack_motions(fps: float, motions: Sequence[Motion | Recording]) -> Samples:
-    """Motions as samples, cut to the shortest."""
-    frames = min(map(len, motions))
-    return Samples(
-        fps,
-        np.stack([motion.head[:frames].astype(float) for motion in motions]),
-        np.stack([motion.gaze[:frames].astype(float) for motion in motions]),
-    )
-
-
-def _plain(table: dict[str, dict[str, dict[str, Estimate]]]) -> Any:
+def _plain(table: Mapping[str, Mapping[str, Mapping[str, Estimate]]]) -> Any:
     return {
         split: {part: {name: asdict(each) for name, each in figures.items()} for part, figures in parts.items()}
         for split, parts in table.items()
     }
 
 
-def _flat(table: dict[str, dict[str, dict[str, Estimate]]]) -> dict[str, float]:
+def _flat(table: Mapping[str, Mapping[str, Mapping[str, Estimate]]]) -> dict[str, float]:
     return {
         f"{split}/{part}/{name}": estimate.value
         for split, parts in table.items()

@@ -47,7 +47,7 @@ def stage_order(params: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     yield from (("pretrain", tokenizer) for tokenizer in params["pretrain"])
     yield from (("train", model) for model in models)
     yield ("critic",)
-    yield from (("validate", model) for model in watched)
+    yield from (("validate", row) for row in (*REFERENCES, *watched))
     yield from (("information", model) for model in scored)
     yield from (("sample", model) for model in judged)
     yield from (("evaluate", row) for row in (*REFERENCES, *judged))

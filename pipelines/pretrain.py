@@ -42,11 +42,11 @@ def _task(workspace: Workspace, name: str) -> GazeTokenizerTask | FaceTokenizerT
     inputs = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
     tokenizer = workspace.params.get("pretrain", {}).get(name)
     if isinstance(tokenizer, dict) and tokenizer.get("kind") == "face":
-        faces, val_faces = (face_recordings(*inputs, split) for split in ("train", "val"))
+        faces, val_faces = (face_recordings(*inputs, split, take=0) for split in ("train", "val"))
         basis = FaceBasis(faces.head_model, faces.expression_names)
         return FaceTokenizerTask(workspace.settings(f"pretrain.{name}", FaceTokenizerSettings), faces, val_faces, basis)
     settings = workspace.settings(f"pretrain.{name}", GazeTokenizerSettings)
-    return GazeTokenizerTask(settings, recordings(*inputs, "train"), recordings(*inputs, "val"))
+    return GazeTokenizerTask(settings, *(recordings(*inputs, split, take=0) for split in ("train", "val")))
 
 
 def _resume_file(workspace: Workspace, name: str, settings: Settings, context: ExecutionContext) -> ResumeFile:

@@ -76,10 +76,11 @@ MAX_ERROR_PX, MIN_SPEED_RATIO, MAX_SPEED_RATIO, MIN_CODE_USAGE = 0.95, 1.0, 1.25
 
 INTRODUCTION = """# Table III
 
-Each value is followed by its interval over clips. L2, Diversity and Corr. compare with fitted motion, speeds with the
-true motion. The mean pose wins every L2 and a conditional mean wins Corr.: compare both with truth, fitted and
-mismatched motion. The paper's values are of another corpus and another critic. `TalkingEyes`, its row with events
-and `Untrained` are conditioned on the speaker; for unseen speakers, a random training speaker is used for each sound.
+Each value is followed by its interval over speakers; table3.csv has that over clips, too. L2, Diversity and Corr.
+compare with fitted motion, speeds with the true motion. The mean pose wins every L2 and a conditional mean wins Corr.:
+compare both with truth, fitted and mismatched motion. The paper's values are of another corpus and another critic.
+`TalkingEyes`, its row with events and `Untrained` are conditioned on the speaker; for unseen speakers, a random
+training speaker is used for each sound.
 All other models are unconditional.
 """
 INFORMATION = """### Information that speech gives about motion
@@ -96,6 +97,14 @@ turns, hesitations, fillers) tell about when gaze leaves the partner and returns
 every row has it; 0: none; below 0: what the regression overfits. At most {LIVE_LOOKAHEAD_S:g} s ahead: the most that
 the live model can follow. Gaze that hardly changes has much of it: read it with the changes.
 """
+VALIDATION = """### On val, where models and settings are chosen
+
+Distances of the distributions of eye speed, saccade amplitude and eccentricity from those of the truth, as multiples of
+the distance of another true take of the same sounds; ties: Corr. less that under other sounds. Random and Mismatched
+have small distances: choose by distances and ties.
+"""
+VALIDATION_DISTANCES = ("eye_speed_distance", "saccade_amplitude_distance", "eccentricity_distance")
+VALIDATION_TIES = ("tie", "tie_gaze_in_space", "tie_head")
 REQUIREMENTS = """### What a model must reach
 
 Margins (motion is like motion, whatever the sound) and ties (it follows its sound); bold: missed. Random and Mismatched
@@ -132,6 +141,7 @@ def run(workspace: Workspace) -> Report:
     informed = {path.parent.name: _json(path) for path in workspace.data("information").glob("*/metrics.json")}
     informed = {name: informed[name] for name in order_rows(eyes) if name in informed}
     aversions = {path.parent.name: _json(path) for path in workspace.data("evaluate").glob("*/aversion.json")}
+    on_val = {path.parent.name: _json(path) for path in workspace.data("validate").glob("*/metrics.json")}
     tied = {name: row for name, row in informed.items() if _uses_sound(row)}
     upstream = [
         *critic_requirements(eyes),
@@ -146,7 +156,7 @@ def run(workspace: Workspace) -> Report:
         critic = _json(workspace.data("critic", "report.json"))
         notes = workspace.data("critic", "notes.txt").read_text()
         (folder / "table3.md").write_text(
-            _page(eyes, critic, notes, upstream, required, benchmarks, informed, aversions)
+            _page(eyes, critic, notes, upstream, required, benchmarks, informed, aversions, on_val)
         )
         (folder / "summary.txt").write_text(report_summary(rows, tied, aversions, required, upstream, "data/report"))
         (folder / "rows").mkdir()
@@ -167,7 +177,10 @@ def run(workspace: Workspace) -> Report:
             write_films(workspace, list(rows), takes[0], folder / "films")
     artifacts = [path for path in sorted(workspace.data("report").iterdir()) if path.suffix]
     pictures = [path for path in artifacts if path.suffix in (".png", ".md")]
-    compared = {name: _compared(workspace, name, rows, informed.get(name, {}), required.get(name, ())) for name in rows}
+    compared = {
+        name: _compared(name, rows, informed.get(name, {}), required.get(name, ()), on_val.get(name, {}))
+        for name in rows
+    }
     for name, found in aversions.items():
         compared[name]["aversion_information"] = found["information"]["value"]
     return Report(
@@ -191,11 +204,14 @@ def _page(
     benchmarks: Mapping[str, Sequence[MetricResult]],
     informed: Mapping[str, Any],
     aversions: Mapping[str, Any],
+    on_val: Mapping[str, Mapping[str, float]],
 ) -> str:
     parts = [INTRODUCTION]
     if informed:
         parts += [INFORMATION, information_table(informed, TITLES), ""]
     parts += [AVERSION, aversion_table(aversions), ""]
+    if on_val:
+        parts += [VALIDATION, validation_table(on_val), ""]
     parts += [REQUIREMENTS, model_requirements_table(required), "", markdown(rows), BENCHMARK]
     parts += [
         learnt_counts(benchmarks),
@@ -208,6 +224,18 @@ def _page(
         notes,
     ]
     return "\n".join(parts)
+
+
+def validation_table(on_val: Mapping[str, Mapping[str, float]]) -> str:
+    """The figures of val that choices are made by, in units of the distance between true takes where there are any."""
+    floor = on_val.get("truth", {})
+    headings = ["", "eye speed", "saccade amplitude", "eccentricity", "tie: eyes", "gaze in space", "head"]
+    rows = []
+    for name in order_rows(on_val):
+        found = on_val[name]
+        cells = [f"{found[each] / floor.get(each, 1.0):.1f}" for each in VALIDATION_DISTANCES]
+        rows.append([TITLES.get(name, name), *cells, *(f"{found[each]:.3f}" for each in VALIDATION_TIES)])
+    return markdown_table(headings, rows)
 
 
 def aversion_table(aversions: Mapping[str, Any]) -> str:
@@ -314,11 +342,11 @@ def _values(rows: Mapping[str, MethodMetrics]) -> dict[str, Any]:
 
 
 def _compared(
-    workspace: Workspace,
     name: str,
     rows: Mapping[str, MethodMetrics],
     informed: Mapping[str, Any],
     required: Sequence[Requirement],
+    on_val: Mapping[str, float],
 ) -> dict[str, float]:
     """The figures of a row in the comparison of MLflow: all its metrics, information, ties, requirements met, and those
     on val."""
@@ -338,8 +366,7 @@ def _compared(
             "requirements_ties": float(count_met(required, True)),
             "requirements_margins": float(count_met(required, False)),
         }
-    on_val = workspace.data("validate", name, "metrics.json")
-    return found | {f"val/{key}": value for key, value in (_json(on_val) if on_val.exists() else {}).items()}
+    return found | {f"val/{key}": value for key, value in on_val.items()}
 
 
 def _flat(row: Mapping[str, Any]) -> dict[str, float]:

@@ -42,6 +42,9 @@ from talkingeyes.synthesis.text import TextPartition
 SOURCE_MODULES = ("audio", "core", "corpus", "head", "physiology", "synthesis")
 
 
+# Takes of every sound of val: the second one shows how near two true motions are, beside the distances that models are
+# chosen by.
+VAL_TAKES = 2
 # Each split has its own part of the text, so no sentence occurs in two splits.
 SPLIT_PARTITIONS = {
     "train": TextPartition(0.0, 0.64),
@@ -83,7 +86,12 @@ def sound_jobs(settings: SynthesizeSettings) -> list[SoundJob]:
     speaker_of = {sound.id: plan.speaker_name(sound.speaker) for sound in sounds}
     split = split_sounds(speaker_of, dict.fromkeys(speaker_of, ()), settings.seed, **settings.splits.model_dump())
     several = _multi_take_sounds(split, settings)
-    return [SoundJob(sound, split[sound.id], settings.takes if sound.id in several else 1) for sound in sounds]
+    single = {"val": VAL_TAKES}
+    return [
+        SoundJob(sound, where, settings.takes if sound.id in several else single.get(where, 1))
+        for sound in sounds
+        for where in [split[sound.id]]
+    ]
 
 
 def _multi_take_sounds(split: Mapping[str, str], settings: SynthesizeSettings) -> set[str]:

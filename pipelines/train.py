@@ -159,10 +159,10 @@ def train_motion(
 ) -> Trained[MotionTask]:
     """Train a network of head and gaze; `reads`: files besides those that every training reads."""
     corpus, fit, embed = training.inputs
-    data = recordings(corpus, fit, embed, "train"), recordings(corpus, fit, embed, "val")
+    of_train, of_val = (recordings(corpus, fit, embed, split, take=0) for split in ("train", "val"))
     start = load(training.workspace.data("train", settings.init_from)) if settings.init_from else None
     normaliser, paths = training.normaliser, ConditioningPaths(corpus, embed)
-    task = MotionTask(settings, training.seed, *data, normaliser, codebook, paths, start)
+    task = MotionTask(settings, training.seed, of_train, of_val, normaliser, codebook, paths, start)
     return training.run(task, settings, network_config(settings, normaliser.channels, codebook, task.module), reads)
 
 
@@ -179,7 +179,7 @@ def _face(training: Training, settings: FaceTaskSettings) -> Report:
 
 
 def _face_data(training: Training) -> FaceData:
-    train_faces, val_faces = (face_recordings(*training.inputs, split) for split in ("train", "val"))
+    train_faces, val_faces = (face_recordings(*training.inputs, split, take=0) for split in ("train", "val"))
     basis = FaceBasis(train_faces.head_model, train_faces.expression_names)
     return FaceData(train_faces, val_faces, basis, StyleVocabulary.of(train_faces.clips), training.normaliser)
 

@@ -2,9 +2,12 @@
 
 Run: python -m pipelines.validate talkingeyes
 
+Rows: a model, and what its figures are read beside: `truth` (another true take of the sound than the one that all are
+compared with: how near two true motions are), `fitted` and `mismatched` (fitted motion of other sounds of the speaker).
+
 Reads: the corpus index and truth, data/fit, data/embed, data/critic, data/train/<model>.
 
-Writes: data/validate/<model>/metrics.json {metric: value}: Corr. of the samples of each part, and of the fitted motion
+Writes: data/validate/<row>/metrics.json {metric: value}: Corr. of the samples of each part, and of the fitted motion
 for comparison; distances of the distributions of eye speed and saccade amplitude from those of the truth (in a corpus
 without truth: of the fitted motion), and their mean, `dynamics_distance`; the same for eccentricity of gaze,
 `eccentricity_distance`; `metrics_worse`, the number of learnt metrics of the gaze benchmark by which the samples are
@@ -64,17 +67,32 @@ from talkingeyes.training.motion_generators import (
 )
 
 BATCH_SOUNDS = 16
+REFERENCES = ("truth", "fitted", "mismatched")
 
 
 @dataclass(frozen=True)
 class InputPaths:
     """Paths of the inputs of validation."""
 
+    row: str
     corpus: Path
     fit: Path
     embed: Path
     critic: Path
     model: Path
+
+
+@dataclass(frozen=True)
+class RowMotions:
+    """The motions of a row for one sound, its fitted motion, and other sounds of the speaker.
+
+    `log_likelihood`: of the fitted motion in nats, by term; empty without one.
+    """
+
+    fitted: Recording
+    motions: Samples
+    others: Sequence[Recording]
+    log_likelihood: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -92,14 +110,14 @@ class SoundValidation:
     fitted_speeds: MotionSpeeds
     benchmark: SoundStatistics
     seconds: float
-    log_likelihood: dict[str, float]  # of the fitted motion in nats, by term; empty without one
+    log_likelihood: dict[str, float]
 
 
 def run(workspace: Workspace, name: str) -> Report:
     """Validate in parallel over clips; each clip has its own seeds."""
     settings = workspace.settings("validate", ValidateSettings)
     data = workspace.data
-    paths = InputPaths(workspace.corpus, data("fit"), data("embed"), data("critic"), data("train", name))
+    paths = InputPaths(name, workspace.corpus, data("fit"), data("embed"), data("critic"), data("train", name))
     with workspace.output("validate", name) as folder:
         work, benchmark = _sounds(paths, settings), PairedAccumulator()
         batches = [work[first : first + BATCH_SOUNDS] for first in range(0, len(work), BATCH_SOUNDS)]
@@ -111,8 +129,7 @@ def run(workspace: Workspace, name: str) -> Report:
         figures = {
             **_corr([clip.scores for clip in found], ""),
             **_corr([clip.fitted_scores for clip in found], "_fitted"),
-            "diversity": _mean([clip.diversity for clip in found]),
-            "diversity_head": _mean([clip.head_diversity for clip in found]),
+            **_diversities(found),
             **speed_margins(
                 [clip.sampled_speeds for clip in found],
                 [clip.true_speeds for clip in found],
@@ -129,9 +146,11 @@ def run(workspace: Workspace, name: str) -> Report:
 
 
 def _sounds(paths: InputPaths, settings: ValidateSettings) -> list[SoundGroup]:
-    """The sounds of val whose first take was fitted."""
+    """The sounds of val whose first take was fitted. Mismatched motion needs other sounds besides those that belong to
+    it."""
     corpus = Corpus(paths.corpus)
-    found = group_sounds(corpus, paths.fit, paths.embed, ("val",), SHUFFLED_SOUNDS, settings.seed)
+    others = 2 * SHUFFLED_SOUNDS if paths.row == "mismatched" else SHUFFLED_SOUNDS
+    found = group_sounds(corpus, paths.fit, paths.embed, ("val",), others, settings.seed)
     if not found:
         raise InputError(f"{corpus.root}: should contain a fitted clip in val, got none")
     return found
@@ -140,56 +159,75 @@ def _sounds(paths: InputPaths, settings: ValidateSettings) -> list[SoundGroup]:
 def validate_sounds(
     paths: InputPaths, settings: ValidateSettings, sounds: Sequence[SoundGroup]
 ) -> list[SoundValidation]:
-    """Sample motions for some sounds in one batch, and measure those of each."""
+    """Measure the motions of a row for some sounds; a model samples them in one batch."""
+    clips = [Recordings([each.clip, *each.others], paths.fit, paths.embed)[:] for each in sounds]
+    if paths.row in REFERENCES:
+        pairs = [
+            (sound, _reference(paths, sound, own, others)) for sound, (own, *others) in zip(sounds, clips, strict=True)
+        ]
+        return [measure_sound(paths, sound, motions) for sound, motions in pairs if motions is not None]
     generator, provider = _generator(paths.model), _conditioning_provider(paths)
-    clips, speeches = [Recordings([each.clip, *each.others], paths.fit, paths.embed)[:] for each in sounds], []
+    speeches = []
     for fitted, *_ in clips:
         clip = fitted.clip
         seeds = np.random.default_rng([settings.seed, *clip.id.encode()]).integers(2**31, size=settings.samples)
         conditioning = provider.clip_inputs(clip, len(fitted)) if provider else NO_CONDITIONING
         speeches.append(Speech(np.array(fitted.speech), seeds.tolist(), clip.fps, conditioning))
-    sampled = generate_batch(generator, speeches)
-    return [validate_sound(paths, generator, *each) for each in zip(sounds, clips, speeches, sampled, strict=True)]
+    found = []
+    for sound, given, sampled, (fitted, *others) in zip(
+        sounds, speeches, generate_batch(generator, speeches), clips, strict=True
+    ):
+        likelihood = (
+            generator.log_likelihood(given.embedding, fitted.head, fitted.gaze, given.conditioning)
+            if isinstance(generator, NetworkGenerator)
+            else {}
+        )
+        found.append(measure_sound(paths, sound, RowMotions(fitted, sampled, others, likelihood)))
+    return found
 
 
-def validate_sound(
-    paths: InputPaths,
-    generator: TrainedGenerator,
-    sound: SoundGroup,
-    clips: Sequence[Recording],
-    given: Speech,
-    sampled: Samples,
-) -> SoundValidation:
-    """Measure the motions sampled for one sound; `clips`: its fitted motion, then those of other sounds."""
-    corpus, clip, (fitted, *others) = Corpus(paths.corpus), sound.clip, clips
-    speech, evaluators = given.embedding, _load_evaluators(paths.critic)
-    own = _single_sample(Motion.of(clip.fps, fitted.head.astype(float), fitted.gaze.astype(float)))
-    under = [np.array(other.speech) for other in others]
-    scores = corr_scores(evaluators.critics, speech, under, sampled.head, sampled.gaze)
-    takes = _takes(corpus, paths, sound)
-    true = _single_sample(takes[0]) if corpus.has_truth else own
+def _reference(
+    paths: InputPaths, sound: SoundGroup, fitted: Recording, others: Sequence[Recording]
+) -> RowMotions | None:
+    """The motions of a row that is no model; None for a sound without any."""
+    motions: Sequence[Motion | Recording] = [fitted]
+    if paths.row == "truth":
+        motions = true_takes(paths, sound)[1:]
+    elif paths.row == "mismatched":
+        motions, others = others[:SHUFFLED_SOUNDS], others[SHUFFLED_SOUNDS:]
+    return RowMotions(fitted, Samples.of(fitted.clip.fps, motions), others, {}) if motions else None
+
+
+def measure_sound(paths: InputPaths, sound: SoundGroup, row: RowMotions) -> SoundValidation:
+    """Measure the motions of a row for one sound."""
+    corpus, clip, fitted = Corpus(paths.corpus), sound.clip, row.fitted
+    frames = min(len(fitted), row.motions.head.shape[1])
+    motions, own = row.motions.cropped(frames), Samples.of(clip.fps, [fitted]).cropped(frames)
+    speech, evaluators = np.array(fitted.speech[:frames]), _load_evaluators(paths.critic)
+    under = [np.array(other.speech) for other in row.others]
+    scores = corr_scores(evaluators.critics, speech, under, motions.head, motions.gaze)
+    true = true_takes(paths, sound)[:1]
     annotation = corpus.annotation(clip)
-    motion_sets = pair_with_truth(sample_behaviours(sampled, annotation), motion_behaviours(takes, annotation))
+    motion_sets = pair_with_truth(sample_behaviours(motions, annotation), motion_behaviours(true, annotation))
     return SoundValidation(
         scores,
         corr_scores(evaluators.critics, speech, under, own.head, own.gaze),
-        diversity(sampled.gaze.reshape(*sampled.gaze.shape[:2], -1)),
-        diversity(sampled.head),
-        motion_dynamics(sampled),
-        motion_dynamics(true),
-        MotionSpeeds.of(sampled),
-        MotionSpeeds.of(true),
+        diversity(motions.gaze.reshape(*motions.gaze.shape[:2], -1)),
+        diversity(motions.head),
+        motion_dynamics(motions),
+        motion_dynamics(Samples.of(clip.fps, true) if corpus.has_truth else own),
+        MotionSpeeds.of(motions),
+        MotionSpeeds.of(Samples.of(clip.fps, true) if corpus.has_truth else own),
         MotionSpeeds.of(own),
         sound_statistics(motion_sets, scores, evaluators.critics, evaluators.encoder, speech, under),
         len(fitted) / clip.fps,
-        generator.log_likelihood(speech, fitted.head, fitted.gaze, given.conditioning)
-        if isinstance(generator, NetworkGenerator)
-        else {},
+        row.log_likelihood,
     )
 
 
-def _takes(corpus: Corpus, paths: InputPaths, sound: SoundGroup) -> list[Motion]:
+def true_takes(paths: InputPaths, sound: SoundGroup) -> list[Motion]:
     """True motions of all takes; in a corpus without truth, the fitted ones."""
+    corpus = Corpus(paths.corpus)
     if corpus.has_truth:
         return [corpus.truth(take) for take in sound.takes]
     return [Motion.load(shard_path(paths.fit / "motion", take.id, ".npz")) for take in sound.takes]
@@ -220,10 +258,6 @@ def _load_evaluators(folder: Path) -> Evaluators:
     return Evaluators.load(folder)
 
 
-def _single_sample(motion: Motion) -> Samples:
-    return Samples(motion.fps, motion.head[None], motion.gaze[None])
-
-
 def _corr(found: Sequence[dict[str, CorrScores]], of: str) -> dict[str, float]:
     """Corr. of each part under its own sound, and less that under other sounds of the speaker."""
     metrics: dict[str, float] = {}
@@ -233,6 +267,15 @@ def _corr(found: Sequence[dict[str, CorrScores]], of: str) -> dict[str, float]:
         )
         metrics |= {_name(f"corr{of}", part): own, _name(f"tie{of}", part): own - others}
     return metrics
+
+
+def _diversities(found: Sequence[SoundValidation]) -> dict[str, float]:
+    """Mean Diversity of eyes and head; none of a row with one motion a sound."""
+    values = {
+        "diversity": _mean([clip.diversity for clip in found]),
+        "diversity_head": _mean([clip.head_diversity for clip in found]),
+    }
+    return {name: value for name, value in values.items() if not np.isnan(value)}
 
 
 def _name(figure: str, part: str) -> str:

@@ -27,7 +27,7 @@ from talkingeyes.evaluation.benchmark.paired import (
     sound_statistics,
 )
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.model_selection.validation_metrics import SelectionMetric
+from talkingeyes.evaluation.model_selection.validation_metrics import SelectionMetric, ValidateSettings
 from talkingeyes.models.gaze.generator import GAZE_GENERATORS
 from talkingeyes.models.head.generator import HEAD_GENERATORS
 from talkingeyes.orchestration.config import compose
@@ -121,6 +121,26 @@ def test_sweep_metrics_exist_for_any_number_of_processes(workspace):
         < sum(one["worse"] is not None for one in table["metrics"].values())
     )
     assert table["metrics"]["eye/speed"]["value"] is not None
+
+
+def test_rows_beside_the_models(workspace):
+    """Fitted motion is nearer to the truth than that of other sounds, and only it is tied to its sound."""
+    found = {}
+    for row in ("fitted", "mismatched"):
+        validate.run(workspace, row)
+        found[row] = json.loads(workspace.data("validate", row, "metrics.json").read_text())
+    assert found["fitted"]["corr"] == found["fitted"]["corr_fitted"]
+    assert found["fitted"]["tie"] == found["fitted"]["tie_fitted"]
+    assert "diversity" not in found["fitted"]
+    assert found["mismatched"]["diversity"] > 0
+    assert found["fitted"]["dynamics_distance"] < found["mismatched"]["dynamics_distance"]
+    paths = validate.InputPaths(
+        "truth", workspace.corpus, *(workspace.data(name) for name in ("fit", "embed", "critic", "none"))
+    )
+    settings = workspace.settings("validate", ValidateSettings)
+    sounds = validate._sounds(paths, settings)
+    takes = [len(sound.takes) for sound in sounds]
+    assert len(validate.validate_sounds(paths, settings, sounds)) == sum(number > 1 for number in takes)
 
 
 def test_validation_needs_no_file_of_test_or_unseen(workspace, tmp_path):

@@ -11,10 +11,10 @@ import pytest
 
 from pipelines import table_runs, tables
 from talkingeyes.core.errors import InputError
+from talkingeyes.evaluation.intervals import TableEstimate
 from talkingeyes.evaluation.tables import claims
 from talkingeyes.evaluation.tables.claims import CLAIMS, Claim, Verdict, judge
 from talkingeyes.evaluation.tables.definitions import FAMILIES, PRINTED, SEQUENCE, TABLES
-from talkingeyes.evaluation.tables.intervals import TableEstimate
 from talkingeyes.evaluation.tables.page import as_json
 from talkingeyes.evaluation.tables.seed_result import SeedResult, SplitResult, from_json, to_json
 from talkingeyes.orchestration.run import run_command

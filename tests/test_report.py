@@ -13,6 +13,7 @@ import pytest
 from toy_workspace import toy_workspace
 
 from pipelines import critic, evaluate, report
+from pipelines.report import VALIDATION_DISTANCES, VALIDATION_TIES
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.paper_metrics.requirements import (
     Requirement,
@@ -21,7 +22,7 @@ from talkingeyes.evaluation.paper_metrics.requirements import (
     model_requirements,
     requirements_table,
 )
-from talkingeyes.evaluation.paper_metrics.table3 import markdown
+from talkingeyes.evaluation.paper_metrics.table3 import INTERVALS, markdown
 
 ROWS = ("truth", "fitted", "mismatched", "mean", "random")
 
@@ -33,8 +34,10 @@ def workspace(tmp_path_factory):
     for row in ROWS:
         evaluate.run(made, row)
     made.data("sample", "random").rename(made.data("sample", "talkingeyes_events"))
-    made.data("validate", "random").mkdir(parents=True)
-    made.data("validate", "random", "metrics.json").write_text(json.dumps({"corr": 0.5}))
+    for row, size in (("random", 0.5), ("truth", 0.25)):
+        made.data("validate", row).mkdir(parents=True)
+        figures = dict.fromkeys((*VALIDATION_DISTANCES, *VALIDATION_TIES), size)
+        made.data("validate", row, "metrics.json").write_text(json.dumps({"corr": 0.5, **figures}))
     made.data("pretrain", "codes").mkdir(parents=True)
     made.data("pretrain", "codes", "codes.json").write_text(json.dumps({"counts": [5, 0, 1, 1]}))
     return made
@@ -86,7 +89,8 @@ def test_metrics_hold_every_row_flat(workspace, reported):
     assert (tie["requirements_ties"], tie["requirements_margins"]) == tuple(
         sum(_met(workspace, "random", ties)) for ties in (True, False)
     )
-    assert {key for key in tie if key.startswith("val/")} == {"val/corr"}
+    on_val = {key.removeprefix("val/") for key in tie if key.startswith("val/")}
+    assert on_val == {"corr", *VALIDATION_DISTANCES, *VALIDATION_TIES}
 
 
 def _met(workspace, row, ties):
@@ -118,6 +122,7 @@ def test_table_has_the_rows_in_order_with_the_papers_numbers(workspace, reported
     assert random["paper_gaze_diversity"] == "0.23383"
     assert float(random["gaze_l2_low"]) <= float(random["gaze_l2"]) <= float(random["gaze_l2_high"])
     page = workspace.data("report", "table3.md").read_text()
+    assert "| Random | 2.0 | 2.0 | 2.0 | 0.500 | 0.500 | 0.500 |" in page
     assert page.index("| Truth |") < page.index("| Mismatched motion |") < page.index("| Random |")
     assert "codes: fraction of codes in use | at least 0.9 | 0.75 | **off by -0.15**" in page
 
@@ -148,7 +153,7 @@ def made(**figures):
     parts = {"gaze": {}, "gaze_in_space": {}, "head": {}}
     for key, value in figures.items():
         part, name = re.match(r"(gaze_in_space|gaze|head)_(.*)", key).groups()
-        parts[part][name] = {"value": value, "low": value, "high": value}
+        parts[part][name] = dict.fromkeys(("value", *INTERVALS), value)
     return {"test": parts, "unseen": parts}
 
 

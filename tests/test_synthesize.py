@@ -61,8 +61,9 @@ def test_splits_are_disjoint_and_none_is_empty(corpus):
 def test_takes_share_a_sound_and_differ_in_motion(corpus):
     takes = Counter(clip.sound for clip in corpus.clips)
     several = [sound for sound, count in takes.items() if count > 1]
-    assert sorted(takes[sound] for sound in several) == [4, 4]
-    assert {clip.split for clip in corpus.clips if clip.sound in several} == {"test", "unseen"}
+    assert sorted(takes[sound] for sound in several) == [2, 2, 4, 4]
+    assert {clip.split for clip in corpus.clips if clip.sound in several} == {"val", "test", "unseen"}
+    assert all(takes[clip.sound] == 2 for clip in corpus.select("val"))
     first, second = [clip for clip in corpus.clips if clip.sound == several[0]][:2]
     assert (first.take, second.take) == (0, 1) and first.content_hash != second.content_hash
     assert not np.allclose(corpus.truth(first).gaze, corpus.truth(second).gaze, atol=0.02)

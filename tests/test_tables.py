@@ -15,9 +15,9 @@ from pipelines import critic, paper_table_rows, table_runs, tables
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.recordings import Normaliser
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.intervals import difference, estimate, mean_of_known, ratio_of_known
 from talkingeyes.evaluation.multi_seed import ClipStatistic, MultiSeedStatistic, nanmean_statistic
 from talkingeyes.evaluation.tables.definitions import FAMILIES, PRINTED, SEQUENCE, TABLES, TITLES, Column, PaperTable
-from talkingeyes.evaluation.tables.intervals import difference, estimate, mean_of_known, ratio_of_known
 from talkingeyes.evaluation.tables.rank_order import ordered_pairs, rank_order
 from talkingeyes.evaluation.tables.row_metrics import high_frequency_motion, range_rad, row_metrics
 from talkingeyes.evaluation.tables.seed_result import split_result

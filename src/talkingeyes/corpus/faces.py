@@ -56,6 +56,6 @@ class FaceRecordings(FittedClips[FaceRecording]):
         return motion.expression.astype(np.float32), motion.jaw.astype(np.float32)
 
 
-def face_recordings(corpus: Corpus, fit: Path, embed: Path, *splits: str) -> FaceRecordings:
+def face_recordings(corpus: Corpus, fit: Path, embed: Path, *splits: str, take: int | None = None) -> FaceRecordings:
     """The fitted clips of the given splits."""
-    return FaceRecordings(corpus.select(*splits), fit, embed)
+    return FaceRecordings(corpus.select(*splits, take=take), fit, embed)

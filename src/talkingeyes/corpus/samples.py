@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -14,8 +15,10 @@ from pydantic import Field
 
 from talkingeyes.core.containers import parse_json, read_npz
 from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.core.npz import save_npz
 from talkingeyes.core.settings import Settings
+from talkingeyes.corpus.recordings import Recording
 
 
 class SampleSettings(Settings):
@@ -41,6 +44,19 @@ class Samples:
             head=self.head.astype(np.float32),
             gaze=self.gaze.astype(np.float32),
         )
+
+    @classmethod
+    def of(cls, fps: float, motions: Sequence[Motion | Recording]) -> Samples:
+        """Motions as samples, cut to the shortest."""
+        frames = min(map(len, motions))
+        head, gaze = (
+            np.stack([getattr(motion, part)[:frames].astype(float) for motion in motions]) for part in ("head", "gaze")
+        )
+        return cls(fps, head, gaze)
+
+    def cropped(self, frames: int) -> Samples:
+        """The first `frames` frames of all samples."""
+        return Samples(self.fps, self.head[:, :frames], self.gaze[:, :frames])
 
     @classmethod
     def load(cls, path: Path) -> Samples:

@@ -1,4 +1,4 @@
-"""Metrics of one clip and of one row of Table III: distances, Corr. and dynamics, with intervals over clips.
+"""Metrics of one clip and of one row of Table III: distances, Corr. and dynamics, with intervals.
 
 L2, Diversity and Corr. compare with fitted motion; dynamics compare with the true motion, or with fitted motion in a
 corpus without truth. The parts are `gaze` (eye-in-head), `gaze_in_space` and `head`. The mean pose has the best L2 and
@@ -22,13 +22,11 @@ from talkingeyes.corpus.samples import Samples
 from talkingeyes.evaluation.benchmark.corr import CRITICS, CorrScores
 from talkingeyes.evaluation.bootstrap import (
     BootstrapSettings,
-    Estimate,
-    Statistic,
-    bootstrap,
     mean_statistic,
     quantile_statistic,
     ratio_statistic,
 )
+from talkingeyes.evaluation.intervals import SoundStatistic, TableEstimate, estimate
 from talkingeyes.evaluation.paper_metrics.l2_diversity import diversity, l2_error
 
 
@@ -49,6 +47,7 @@ class EvaluationCase:
     fitted); L2 then excludes it. `fitted` and `truth` hold the takes of the sound.
     """
 
+    speaker: str
     samples: Samples
     includes_reference: bool
     fitted: Samples
@@ -60,6 +59,7 @@ class EvaluationCase:
 class ClipMetrics:
     """Metrics of one part of one clip; NaN where a metric needs more takes. Speeds in degrees per second."""
 
+    speaker: str
     diversity: float
     diversity_fitted: float
     diversity_truth: float
@@ -81,6 +81,7 @@ def clip_metrics(
         samples, fitted = (rotation_vectors(part, each) for each in (case.samples, case.fitted))
         compared = samples[1:] if case.includes_reference else samples
         found[part] = ClipMetrics(
+            speaker=case.speaker,
             diversity=diversity(samples),
             diversity_fitted=diversity(fitted),
             diversity_truth=diversity(rotation_vectors(part, truth)),
@@ -115,12 +116,7 @@ def first_sample(samples: Samples) -> Samples:
     return Samples(samples.fps, samples.head[:1], samples.gaze[:1])
 
 
-def crop_samples(samples: Samples, frames: int) -> Samples:
-    """The first `frames` frames of all samples."""
-    return Samples(samples.fps, samples.head[:, :frames], samples.gaze[:, :frames])
-
-
-def summarise(part: str, clips: Sequence[ClipMetrics], settings: BootstrapSettings) -> dict[str, Estimate]:
+def summarise(part: str, clips: Sequence[ClipMetrics], settings: BootstrapSettings) -> dict[str, TableEstimate]:
     """Metrics of a part over clips, with intervals; a metric that no clip defines is left out.
 
     `diversity_multi_take` is over the sounds with several takes, and `diversity_ratio` divides it by the diversity of
@@ -129,52 +125,43 @@ def summarise(part: str, clips: Sequence[ClipMetrics], settings: BootstrapSettin
     (`corr_shuffled`).
     """
     found = {**(_distances(clips) if part != "gaze_in_space" else {}), **_correlations(clips), **_dynamics(clips)}
-    return {name: bootstrap(each.statistic, each.clips, settings) for name, each in found.items() if each.clips}
+    return {name: estimate(each, settings) for name, each in found.items() if each.speakers}
 
 
-@dataclass(frozen=True)
-class _ClipStatistic:
-    """A statistic and the number of clips on which it is defined."""
-
-    statistic: Statistic
-    clips: int
-
-
-def _distances(clips: Sequence[ClipMetrics]) -> dict[str, _ClipStatistic]:
-    own, l2 = _column(clips, "diversity"), _column(clips, "l2")
-    fitted, truth = _column(clips, "diversity_fitted"), _column(clips, "diversity_truth")
-    multi = ~np.isnan(own + fitted + truth)
+def _distances(clips: Sequence[ClipMetrics]) -> dict[str, SoundStatistic]:
+    own, fitted, truth = (_column(clips, f"diversity{of}") for of in ("", "_fitted", "_truth"))
+    several = [clip for clip, known in zip(clips, ~np.isnan(own + fitted + truth), strict=True) if known]
     return {
-        "diversity": _mean(own),
-        "diversity_multi_take": _mean(own[multi]),
-        "diversity_ratio": _ratio(own[multi], truth[multi]),
-        "diversity_ratio_fitted": _ratio(own[multi], fitted[multi]),
-        "l2": _mean(l2),
+        "diversity": _mean(clips, own),
+        "diversity_multi_take": _mean(several, _column(several, "diversity")),
+        "diversity_ratio": _ratio(several, _column(several, "diversity"), _column(several, "diversity_truth")),
+        "diversity_ratio_fitted": _ratio(several, _column(several, "diversity"), _column(several, "diversity_fitted")),
+        "l2": _mean(clips, _column(clips, "l2")),
     }
 
 
-def _correlations(clips: Sequence[ClipMetrics]) -> dict[str, _ClipStatistic]:
+def _correlations(clips: Sequence[ClipMetrics]) -> dict[str, SoundStatistic]:
     corr = _column(clips, "corr")
     shuffled = _column(clips, "corr_shuffled")
     return {
-        "corr": _mean(corr),
-        "corr_minus_fitted": _mean(corr - _column(clips, "corr_fitted")),
-        "corr_shuffled": _mean(shuffled),
-        "corr_minus_shuffled": _mean(corr - shuffled),
+        "corr": _mean(clips, corr),
+        "corr_minus_fitted": _mean(clips, corr - _column(clips, "corr_fitted")),
+        "corr_shuffled": _mean(clips, shuffled),
+        "corr_minus_shuffled": _mean(clips, corr - shuffled),
     }
 
 
-def _dynamics(clips: Sequence[ClipMetrics]) -> dict[str, _ClipStatistic]:
+def _dynamics(clips: Sequence[ClipMetrics]) -> dict[str, SoundStatistic]:
     mean, of_truth = (np.array([each.mean() for each in speeds]) for speeds in _speeds(clips))
     top, top_of_truth = (quantile_statistic(speeds, 0.99) for speeds in _speeds(clips))
     return {
-        "speed": _mean(mean),
-        "speed_ratio": _ratio(mean, of_truth),
-        "speed_p99": _ClipStatistic(top, len(clips)),
-        "speed_p99_ratio": _ClipStatistic(
-            lambda resampled: top(resampled) / top_of_truth(resampled), len(clips) if of_truth.all() else 0
+        "speed": _mean(clips, mean),
+        "speed_ratio": _ratio(clips, mean, of_truth),
+        "speed_p99": SoundStatistic(top, _speakers(clips)),
+        "speed_p99_ratio": SoundStatistic(
+            lambda resampled: top(resampled) / top_of_truth(resampled), _speakers(clips) if of_truth.all() else ()
         ),
-        "still_fraction": _mean(np.array([still_fraction(clip.speed) for clip in clips])),
+        "still_fraction": _mean(clips, np.array([still_fraction(clip.speed) for clip in clips])),
     }
 
 
@@ -186,11 +173,19 @@ def _column(clips: Sequence[ClipMetrics], name: str) -> Float[ndarray, " N"]:
     return np.array([getattr(clip, name) for clip in clips])
 
 
-def _ratio(values: Float[ndarray, " N"], reference: Float[ndarray, " N"]) -> _ClipStatistic:
+def _speakers(clips: Sequence[ClipMetrics]) -> tuple[str, ...]:
+    return tuple(clip.speaker for clip in clips)
+
+
+def _ratio(
+    clips: Sequence[ClipMetrics], values: Float[ndarray, " N"], reference: Float[ndarray, " N"]
+) -> SoundStatistic:
     """Ratio of means over clips; undefined if any reference value is zero."""
-    return _ClipStatistic(ratio_statistic(values, reference), len(values) if reference.all() else 0)
+    return SoundStatistic(ratio_statistic(values, reference), _speakers(clips) if reference.all() else ())
 
 
-def _mean(values: Float[ndarray, " N"]) -> _ClipStatistic:
-    known = values[~np.isnan(values)]
-    return _ClipStatistic(mean_statistic(known), len(known))
+def _mean(clips: Sequence[ClipMetrics], values: Float[ndarray, " N"]) -> SoundStatistic:
+    known = ~np.isnan(values)
+    return SoundStatistic(
+        mean_statistic(values[known]), tuple(clip.speaker for clip, of in zip(clips, known, strict=True) if of)
+    )

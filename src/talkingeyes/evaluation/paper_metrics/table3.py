@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-# {split: {part: {metric: {value, low, high}}}}, as the stage `evaluate` writes it for each row.
+# {split: {part: {metric: {value, low, high, ...}}}}, as the stage `evaluate` writes it for each row.
 MethodMetrics = Mapping[str, Any]
 
 TITLES = {
@@ -40,6 +40,9 @@ PUBLISHED = {
     },
     "head": {"vae": (0.09645, 0.52148, 0.23699), "talkingeyes_paper": (0.05143, 0.51913, 0.22731)},
 }
+
+
+INTERVALS = ("low", "high", "speakers_low", "speakers_high")  # over clips, over speakers
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,7 @@ def to_csv(rows: Mapping[str, MethodMetrics]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     headings = [f"{column.part}_{column.metric}" for column in CSV_COLUMNS]
-    limits = [f"{heading}{limit}" for heading in headings for limit in ("", "_low", "_high")]
+    limits = [f"{heading}{limit}" for heading in headings for limit in ("", *(f"_{each}" for each in INTERVALS))]
     papers = [f"paper_{part}_{name}" for part in PUBLISHED for name in ("diversity", "corr", "l2")]
     writer.writerow(["split", "row", *limits, *papers])
     for split in SPLIT_TITLES:
@@ -113,7 +116,7 @@ def to_csv(rows: Mapping[str, MethodMetrics]) -> str:
             cells: list[str] = []
             for column in CSV_COLUMNS:
                 found = metric(rows[name], split, column.part, column.metric)
-                cells += [f"{found[key]:.6g}" if found else "" for key in ("value", "low", "high")]
+                cells += [f"{found[key]:.6g}" if found else "" for key in ("value", *INTERVALS)]
             for of_part in PUBLISHED.values():
                 cells += [str(value) for value in of_part.get(name, ("", "", ""))]
             writer.writerow([split, name, *cells])
@@ -125,13 +128,13 @@ def _cells(name: str, table: MethodMetrics, split: str, part: str) -> list[str]:
     paper = PUBLISHED[part].get(name)
     return [
         TITLES.get(name, name),
-        *(_written(value, column.digits) if value else "" for column, value in found),
+        *(_written(value, column.digits, "speakers_low", "speakers_high") if value else "" for column, value in found),
         ", ".join(f"{value:.3f}" for value in paper) if paper else "",
     ]
 
 
-def _written(value: Mapping[str, float], digits: int) -> str:
-    return f"{value['value']:.{digits}f} <sub>{value['low']:.{digits}f}–{value['high']:.{digits}f}</sub>"
+def _written(value: Mapping[str, float], digits: int, low: str = "low", high: str = "high") -> str:
+    return f"{value['value']:.{digits}f} <sub>{value[low]:.{digits}f}–{value[high]:.{digits}f}</sub>"
 
 
 def markdown_row(cells: Sequence[str]) -> str:

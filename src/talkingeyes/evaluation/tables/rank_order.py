@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
+from talkingeyes.evaluation.intervals import TableEstimate
 from talkingeyes.evaluation.tables.definitions import PaperTable
-from talkingeyes.evaluation.tables.intervals import TableEstimate
 from talkingeyes.evaluation.tables.seed_result import (
     Comparison,
     SeedMean,

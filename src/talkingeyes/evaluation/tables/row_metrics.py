@@ -17,8 +17,8 @@ from numpy import ndarray
 
 from talkingeyes.core.kinematics import still_fraction
 from talkingeyes.evaluation.head_pose.movement import jitter
+from talkingeyes.evaluation.intervals import SoundStatistic, mean_of_known, ratio_of_known
 from talkingeyes.evaluation.paper_metrics.summary import ClipMetrics, EvaluationCase, rotation_vectors
-from talkingeyes.evaluation.tables.intervals import SoundStatistic, mean_of_known, ratio_of_known
 
 RANGE_TAILS = (0.025, 0.975)
 MEANS = ("diversity", "corr", "l2", "speed", "still_fraction")

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.intervals import SoundStatistic, TableEstimate, difference, estimate
 from talkingeyes.evaluation.tables.definitions import REFERENCES, PaperTable
-from talkingeyes.evaluation.tables.intervals import SoundStatistic, TableEstimate, difference, estimate
 
 # {row: {metric: ...}} in one split.
 RowStatistics = Mapping[str, Mapping[str, SoundStatistic]]
