@@ -51,7 +51,7 @@ OTHER_CORE = train@talkingeyes_events sample@talkingeyes_events train@talkingeye
 BASELINES = mean random similar untrained
 ONE_HALF = $(BASELINES:%=train@%) $(BASELINES:%=validate@%) $(BASELINES:%=sample@%) $(BASELINES:%=evaluate@%) information@untrained
 MEASURED = vae talkingeyes_paper talkingeyes talkingeyes_events talkingeyes_live
-OTHER_HALF = $(MEASURED:%=validate@%) evaluate@truth evaluate@fitted evaluate@mismatched $(MEASURED:%=evaluate@%)
+OTHER_HALF = $(foreach row,truth fitted mismatched $(MEASURED),validate@$(row) evaluate@$(row))
 
 demo:  ## Animate the packaged recording with the packaged model; opens build/demo/index.html, three samples side by side
 	@start=$$(date +%s); $(MAKE) --no-print-directory setup && \
