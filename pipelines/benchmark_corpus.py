@@ -1,6 +1,6 @@
 """Write the packaged corpus of the gaze benchmark, and the page with the packaged models on it.
 
-Run     python -m pipelines.benchmark_corpus        (MINUTES minutes)
+Run     python -m pipelines.benchmark_corpus        (two minutes)
 Reads   conf/experiment/benchmark_corpus.yaml; the packaged models; data/critic and data/train of the default chain
 Writes  src/talkingeyes/corpus/assets/benchmark.zip; docs/benchmark_corpus.md and .json; works in build/benchmark_corpus
 
