@@ -85,17 +85,13 @@ def sound_jobs(settings: SynthesizeSettings) -> list[SoundJob]:
     sounds = plan.plan_sounds(settings)
     speaker_of = {sound.id: plan.speaker_name(sound.speaker) for sound in sounds}
     split = split_sounds(speaker_of, dict.fromkeys(speaker_of, ()), settings.seed, **settings.splits.model_dump())
-    several = _multi_take_sounds(split, settings)
-    single = {"val": VAL_TAKES}
-    return [
-        SoundJob(sound, where, settings.takes if sound.id in several else single.get(where, 1))
-        for sound in sounds
-        for where in [split[sound.id]]
-    ]
+    takes = _takes(split, settings)
+    return [SoundJob(sound, split[sound.id], takes[sound.id]) for sound in sounds]
 
 
-def _multi_take_sounds(split: Mapping[str, str], settings: SynthesizeSettings) -> set[str]:
-    chosen: set[str] = set()
+def _takes(split: Mapping[str, str], settings: SynthesizeSettings) -> dict[str, int]:
+    """The number of takes of each sound."""
+    takes = {sound: VAL_TAKES if where == "val" else 1 for sound, where in split.items()}
     for name in SPLITS:
         members = sorted(sound for sound, where in split.items() if where == name)
         if not members:
@@ -105,8 +101,8 @@ def _multi_take_sounds(split: Mapping[str, str], settings: SynthesizeSettings) -
         if name in ("test", "unseen"):
             rng = plan.seeded_generator(settings.seed, "takes", SPLITS.index(name))
             count = min(settings.multi_take_sounds, len(members))
-            chosen.update(str(sound) for sound in rng.choice(members, count, replace=False))
-    return chosen
+            takes |= dict.fromkeys(map(str, rng.choice(members, count, replace=False)), settings.takes)
+    return takes
 
 
 def synthesize_sound(root: Path, settings: SynthesizeSettings, job: SoundJob) -> list[Clip]:
