@@ -100,8 +100,8 @@ the live model can follow. Gaze that hardly changes has much of it: read it with
 VALIDATION = """### On val, where models and settings are chosen
 
 Distances of the distributions of eye speed, saccade amplitude and eccentricity from those of the truth, as multiples of
-the distance of another true take of the same sounds; ties: Corr. less that under other sounds. Random and Mismatched
-have small distances: choose by distances and ties.
+the distance of another true take of the same sounds (in standard deviations where no sound has one); ties: Corr. less
+that under other sounds. Random and Mismatched have small distances: choose by distances and ties.
 """
 VALIDATION_DISTANCES = ("eye_speed_distance", "saccade_amplitude_distance", "eccentricity_distance")
 VALIDATION_TIES = ("tie", "tie_gaze_in_space", "tie_head")
@@ -141,7 +141,9 @@ def run(workspace: Workspace) -> Report:
     informed = {path.parent.name: _json(path) for path in workspace.data("information").glob("*/metrics.json")}
     informed = {name: informed[name] for name in order_rows(eyes) if name in informed}
     aversions = {path.parent.name: _json(path) for path in workspace.data("evaluate").glob("*/aversion.json")}
-    on_val = {path.parent.name: _json(path) for path in workspace.data("validate").glob("*/metrics.json")}
+    on_val = {
+        path.parent.name: found for path in workspace.data("validate").glob("*/metrics.json") if (found := _json(path))
+    }
     tied = {name: row for name, row in informed.items() if _uses_sound(row)}
     upstream = [
         *critic_requirements(eyes),
@@ -227,14 +229,17 @@ def _page(
 
 
 def validation_table(on_val: Mapping[str, Mapping[str, float]]) -> str:
-    """The figures of val that choices are made by, in units of the distance between true takes where there are any."""
-    floor = on_val.get("truth", {})
+    """The figures of val that choices are made by; distances in units of that of true takes, if a sound has two."""
+    floor = on_val.get("truth")
     headings = ["", "eye speed", "saccade amplitude", "eccentricity", "tie: eyes", "gaze in space", "head"]
     rows = []
     for name in order_rows(on_val):
         found = on_val[name]
-        cells = [f"{found[each] / floor.get(each, 1.0):.1f}" for each in VALIDATION_DISTANCES]
-        rows.append([TITLES.get(name, name), *cells, *(f"{found[each]:.3f}" for each in VALIDATION_TIES)])
+        distances = [
+            f"{found[each] / floor[each]:.1f}" if floor else f"{found[each]:.3f}" for each in VALIDATION_DISTANCES
+        ]
+        ties = ["" if np.isnan(found[each]) else f"{found[each]:.3f}" for each in VALIDATION_TIES]
+        rows.append([TITLES.get(name, name), *distances, *ties])
     return markdown_table(headings, rows)
 
 

@@ -13,7 +13,8 @@ without truth: of the fitted motion), and their mean, `dynamics_distance`; the s
 `eccentricity_distance`; `metrics_worse`, the number of learnt metrics of the gaze benchmark by which the samples are
 significantly worse than the truth, out of `metrics_comparable`; `tie` and `tie_fitted`, Corr. less that under other
 sounds of the speaker; ratios of speed to the truth's; `diversity`; of a network with a likelihood, that of fitted
-motion, `log_likelihood`, in nats per second. benchmark.json: the benchmark itself.
+motion, `log_likelihood`, in nats per second; nothing for a row without motion (`truth` where no sound of val has two
+takes, `mismatched` where no speaker has two sounds). benchmark.json: the benchmark itself.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.benchmark.corr import CRITICS, SHUFFLED_SOUNDS, CorrScores, corr_scores
 from talkingeyes.evaluation.benchmark.paired import (
+    BenchmarkTable,
     PairedAccumulator,
     SoundStatistics,
     motion_behaviours,
@@ -126,23 +128,27 @@ def run(workspace: Workspace, name: str) -> Report:
         for one in found:
             benchmark.add(one.benchmark)
         table = benchmark.table(settings.bootstrap)
-        figures = {
-            **_corr([clip.scores for clip in found], ""),
-            **_corr([clip.fitted_scores for clip in found], "_fitted"),
-            **_diversities(found),
-            **speed_margins(
-                [clip.sampled_speeds for clip in found],
-                [clip.true_speeds for clip in found],
-                [clip.fitted_speeds for clip in found],
-            ),
-            **_named(dynamics_distances([clip.sampled for clip in found], [clip.truth for clip in found])),
-            **mean_log_likelihood([clip.log_likelihood for clip in found], [clip.seconds for clip in found]),
-            "metrics_worse": float(table.learnt.worse),
-            "metrics_comparable": float(table.learnt.compared),
-        }
+        figures = _figures(found, table) if found else {}
         (folder / "metrics.json").write_text(json.dumps(figures, indent=1))
         (folder / "benchmark.json").write_text(table.json())
     return Report(metrics=figures, artifacts=[data("validate", name, "metrics.json")])
+
+
+def _figures(found: Sequence[SoundValidation], table: BenchmarkTable) -> dict[str, float]:
+    return {
+        **_corr([clip.scores for clip in found], ""),
+        **_corr([clip.fitted_scores for clip in found], "_fitted"),
+        **_diversities(found),
+        **speed_margins(
+            [clip.sampled_speeds for clip in found],
+            [clip.true_speeds for clip in found],
+            [clip.fitted_speeds for clip in found],
+        ),
+        **_named(dynamics_distances([clip.sampled for clip in found], [clip.truth for clip in found])),
+        **mean_log_likelihood([clip.log_likelihood for clip in found], [clip.seconds for clip in found]),
+        "metrics_worse": float(table.learnt.worse),
+        "metrics_comparable": float(table.learnt.compared),
+    }
 
 
 def _sounds(paths: InputPaths, settings: ValidateSettings) -> list[SoundGroup]:

@@ -157,12 +157,12 @@ def test_l2_excludes_the_first_take_of_the_same_sound():
     head[2] += 0.3
     takes = Samples(25.0, head, np.zeros((3, FRAMES, 2, 3)))
     seen = np.ones(FRAMES, bool)
-    heard = {critic: CorrScores(np.ones(3), np.full(3, np.nan)) for critic in CRITIC_PARTS}
-    figures = clip_metrics(EvaluationCase("a", takes, True, takes, None, seen), heard, heard)["head"]
+    scores = {critic: CorrScores(np.ones(3), np.full(3, np.nan)) for critic in CRITIC_PARTS}
+    figures = clip_metrics(EvaluationCase("a", takes, True, takes, None, seen), scores, scores)["head"]
     assert figures.l2 == pytest.approx(0.2 * np.sqrt(3))
     assert figures.diversity == pytest.approx((0.1 + 0.3 + 0.2) / 3 * np.sqrt(3))
     alone = Samples(25.0, head[:1], takes.gaze[:1])
-    single = clip_metrics(EvaluationCase("b", alone, True, alone, None, seen), heard, heard)["head"]
+    single = clip_metrics(EvaluationCase("b", alone, True, alone, None, seen), scores, scores)["head"]
     assert np.isnan(single.l2)
     table = summarise("head", [figures, single], BOOTSTRAP)
     assert table["l2"].value == pytest.approx(0.2 * np.sqrt(3))

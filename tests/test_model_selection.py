@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import toy_workspace
 
-from pipelines import combinations, critic, table_runs, validate
+from pipelines import combinations, critic, report, table_runs, validate
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
@@ -63,9 +63,9 @@ def benchmark(jump_rad):
         true = [moving(rng, 0.15) for _ in range(2)]
         drawn = [moving(rng, jump_rad) for _ in range(2)]
         samples = Samples(FPS, np.stack([each.head for each in drawn]), np.stack([each.gaze for each in drawn]))
-        heard = corr_scores(critics, speech, [speech], samples.head, samples.gaze)
+        scores = corr_scores(critics, speech, [speech], samples.head, samples.gaze)
         beside = pair_with_truth(sample_behaviours(samples, Annotation()), motion_behaviours(true, Annotation()))
-        paired.add(sound_statistics(beside, heard, critics, None, speech, [speech]))
+        paired.add(sound_statistics(beside, scores, critics, None, speech, [speech]))
     return paired.table(BOOTSTRAP)
 
 
@@ -141,6 +141,27 @@ def test_rows_beside_the_models(workspace):
     sounds = validate._sounds(paths, settings)
     takes = [len(sound.takes) for sound in sounds]
     assert len(validate.validate_sounds(paths, settings, sounds)) == sum(number > 1 for number in takes)
+
+
+def test_rows_without_motion_have_no_figures(workspace, tmp_path):
+    """In a corpus with one take of each sound and one sound of each speaker of val, as tracked videos often are."""
+    shutil.copytree(workspace.root, tmp_path, dirs_exist_ok=True)
+    alone = replace(workspace, root=tmp_path)
+    corpus = Corpus(alone.corpus)
+    first = {clip.speaker: clip.sound for clip in reversed(corpus.select("val"))}
+    corpus.write_index(
+        [clip for clip in corpus.clips if clip.take == 0 and clip.sound == first.get(clip.speaker, clip.sound)]
+    )
+    found = {}
+    for row in ("truth", "mismatched", "fitted"):
+        validate.run(alone, row)
+        figures = json.loads(alone.data("validate", row, "metrics.json").read_text())
+        if figures:
+            found[row] = figures
+    assert list(found) == ["fitted"]
+    table = report.validation_table(found)
+    cells = [f"{found['fitted'][name]:.3f}" for name in report.VALIDATION_DISTANCES]
+    assert f"| {' | '.join(cells)} |  |  |  |" in table
 
 
 def test_validation_needs_no_file_of_test_or_unseen(workspace, tmp_path):
