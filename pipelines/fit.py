@@ -2,7 +2,7 @@
 
 Reads   the corpus (observations; truth, if there is one, only to report errors)
 Writes  data/fit/motion/<shard>/<clip>.npz (Motion), rejected.csv (clip, reason), table8.json (the paper's Table VIII),
-        blinks.json (distributions of blinks per minute), speakers.json (styles of the speakers of the train split),
+        blinks.json (distributions of blinks per minute) and speakers.json (styles), both of the train split's speakers,
         summary.json (head error, precision and recall of blinks)
 Run     python -m pipelines.fit
 """
@@ -72,10 +72,11 @@ def run(workspace: Workspace) -> Report:
                 f"fit: all {len(clips)} clips were rejected, the first because: {outcomes[0].reject_reason}"
             )
         _write_rejected(folder / "rejected.csv", clips, outcomes)
-        save_speakers(folder / SPEAKERS_FILE, speaker_styles(kept))
+        train = [(clip, outcome) for clip, outcome in kept if clip.split == "train"]
+        save_speakers(folder / SPEAKERS_FILE, speaker_styles(train))
         evaluations = [outcome.evaluation for _, outcome in kept if outcome.evaluation is not None]
         table, summary = method_comparison(evaluations), summarise(evaluations, len(clips))
-        for name, content in {"table8": table, "blinks": blink_rate_summary(kept), "summary": summary}.items():
+        for name, content in {"table8": table, "blinks": blink_rate_summary(train), "summary": summary}.items():
             (folder / f"{name}.json").write_text(json.dumps(content, indent=1))
     return Report(metrics=dict(_metrics(table, summary)), artifacts=[workspace.data("fit", "table8.json")])
 
@@ -170,10 +171,10 @@ def blink_rate_summary(kept: Sequence[tuple[Clip, ClipResult]]) -> dict[str, Any
 
 
 def speaker_styles(kept: Sequence[tuple[Clip, ClipResult]]) -> dict[str, MotionStyle]:
-    """Styles of the speakers of the train split, by name."""
+    """Styles of the speakers, by name."""
     found: dict[str, list[tuple[MotionStyle, float]]] = {}
     for clip, outcome in kept:
-        if clip.split == "train" and outcome.motion_style is not None:
+        if outcome.motion_style is not None:
             found.setdefault(clip.speaker, []).append((outcome.motion_style, outcome.seconds))
     return {
         name: mean_style([motion_style for motion_style, _ in clips], [s for _, s in clips])
