@@ -138,24 +138,25 @@ def train_tower(
     )
 
 
-def measure_towers(
-    corpus_inputs: CorpusInputs, motions_of: MotionsOf, jobs: int, judged: Sequence[str] = JUDGED, jaw: bool = True
-) -> Measurements:
-    """AUC of right against wrong sounds, of gaze and head, and of the jaw unless the motions have none.
+def reason_against_towers(corpus_inputs: CorpusInputs, judged: Sequence[str]) -> str:
+    """Why towers cannot be tested on these splits; empty if they can. Wrong sounds are of the same speaker."""
+    from talkingeyes.evaluation.reference_ranges.audio_motion_matching import MIN_WINDOWS
 
-    Wrong sounds are of the same speaker: without enough of them, nothing is trained.
-    """
-    from talkingeyes.evaluation.reference_ranges.audio_motion_matching import (
-        MIN_WINDOWS,
-        matching_auc,
-        permutation_p_value,
-    )
-
-    names = ["matching_auc_space", "matching_auc_gaze", "matching_p_gaze", *(["matching_auc_jaw"] if jaw else [])]
     speakers = Counter(clip.speaker for clip in tower_clips(corpus_inputs, judged)[1])
     comparable = sum(count for count in speakers.values() if count > 1)
     if comparable < MIN_WINDOWS:
-        reason = f"too few sounds of speakers with several: got {comparable}, needs {MIN_WINDOWS}"
+        return f"too few sounds of speakers with several: got {comparable}, needs {MIN_WINDOWS}"
+    return ""
+
+
+def measure_towers(
+    corpus_inputs: CorpusInputs, motions_of: MotionsOf, jobs: int, judged: Sequence[str] = JUDGED, jaw: bool = True
+) -> Measurements:
+    """AUC of right against wrong sounds, of gaze and head, and of the jaw unless the motions have none."""
+    from talkingeyes.evaluation.reference_ranges.audio_motion_matching import matching_auc, permutation_p_value
+
+    names = ["matching_auc_space", "matching_auc_gaze", "matching_p_gaze", *(["matching_auc_jaw"] if jaw else [])]
+    if reason := reason_against_towers(corpus_inputs, judged):
         return dict.fromkeys(names, no_measurement(reason))
     task = partial(train_tower, corpus_inputs, motions_of, judged)
     parts = ["gaze_in_space", "head", *(["jaw"] if jaw else [])]

@@ -1,16 +1,18 @@
 """Comparison of a model's motion with the reference ranges of human behaviour, at 25 and at 120 fps.
 
 Run     python -m pipelines.reference_ranges_model [MODEL] [--split test]   (talkingeyes_events, val; after make repro)
-Reads   the corpus, data/embed, data/train/MODEL and the baselines; sounds of val, or of test and unseen for a release
+Reads   the corpus, data/fit, data/embed, data/train/MODEL and the models that it is compared with; sounds of val, or of
+        test and unseen for a release
 Writes  docs/reference_ranges_model.md and .csv; for another model or split build/reference_ranges/MODEL[-test].md
 
 Each sound is animated SAMPLES times, with blinks and with its partner's voice if it has one (listening depends on it),
 and rendered at both rates, and at 500 fps for the main sequence. A further column has the model's output without
-post-processing, others that of the baselines. The true motion of the same sounds at 25 fps is shown for comparison:
-ranges that it also misses are due to the small amount of motion. Rows on sound and motion are of the motion as sampled:
-probes of PROBED samples of the sounds, and towers trained on a sample for each of 600 training sounds. Not a stage:
-nothing reads its output. Rows of jaws, lids and of the fit do not apply to a model of head and gaze, nor the lag of the
-head behind the eyes, which needs true events.
+post-processing, others that of the live model and of the baselines. The true and the fitted motion of all takes of the
+same sounds, and fitted motion of other sounds of the speaker (Mismatched), are shown for comparison: ranges that the
+truth also misses are due to the small amount of motion. Rows on sound and motion are of the motion as sampled: probes
+of PROBED samples of the sounds, and towers trained on a sample for each of 600 training sounds. Not a stage: nothing
+reads its output. Rows of jaws, lids and of the fit do not apply to a model of head and gaze, nor the lag of the head
+behind the eyes, which needs true events.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ import argparse
 import importlib
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 
@@ -27,7 +29,14 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from pipelines.audio_motion_probes import measure_probes, measure_towers, reference_motions, tower_clips
+from pipelines.audio_motion_probes import (
+    MotionsOf,
+    measure_probes,
+    measure_towers,
+    reason_against_towers,
+    reference_motions,
+    tower_clips,
+)
 from pipelines.reference_ranges import axis_divergence_rad, extract_sound, source_of
 from pipelines.result_tables import as_csv, read_tables
 from talkingeyes.animation.animator import Animator
@@ -36,8 +45,10 @@ from talkingeyes.audio.prosody import prosody
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
+from talkingeyes.corpus.fitted_clips import motion_path
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.recordings import Recordings
+from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import shard_path
 from talkingeyes.evaluation.benchmark.behaviour import behaviour
 from talkingeyes.evaluation.benchmark.metric_class import LEARNT
@@ -59,10 +70,12 @@ from talkingeyes.training.conditioning import speaker_index
 
 DEFAULT_MODEL = "talkingeyes_events"
 SPLITS = {"val": ("val",), "test": ("test", "unseen")}
-BASELINES = {"Random": "random", "Similar Sample": "similar", "Untrained": "untrained"}
-SLOW, FAST, SAMPLED, TRUTH = "25 fps", "120 fps", "25 fps, as sampled", "truth, 25 fps"
-COLUMNS = (SLOW, FAST, SAMPLED, *BASELINES, TRUTH)
+COMPARED = {"Live": "talkingeyes_live", "Random": "random", "Similar Sample": "similar", "Untrained": "untrained"}
+SLOW, FAST, SAMPLED = "25 fps", "120 fps", "25 fps, as sampled"
+MISMATCHED, FITTED, TRUTH = "Mismatched", "fitted, 25 fps", "truth, 25 fps"
+COLUMNS = (SLOW, FAST, SAMPLED, *COMPARED, MISMATCHED, FITTED, TRUTH)
 SAMPLES, PROBED = 16, 4
+SEED = 0  # of the choice of other sounds
 # The model's own rate, a display rate, and the rate for the main sequence.
 OWN_FPS, SCREEN_FPS, MAIN_SEQUENCE_FPS = 25.0, 120.0, 500.0
 INTRODUCTION = """# Reference ranges: the default model
@@ -75,9 +88,11 @@ speaker is replaced by a fixed random training speaker.
 {counts}
 
 "As sampled" (`--no-postprocessing`) has no partner and no rule-based layers: listening, saccadic intrusions, the head
-contribution to large gaze shifts ([whole.md](whole.md)). It has blinks. The baselines are as sampled: Random is a
-training clip under any sound, Untrained the default with random weights. Ranges that the truth also misses are due to
-the small amount of motion. The main sequence is measured at 500 fps.
+contribution to large gaze shifts ([whole.md](whole.md)). It has blinks. The columns after it are as sampled, too: Live
+is the model of live speech, Random a training clip under any sound, Similar Sample that of the most similar sound,
+Untrained the default with random weights. Mismatched is fitted motion of other sounds of the speaker. Truth and fitted
+motion have two takes of a sound. Ranges that the truth also misses are due to the small amount of motion. The main
+sequence is measured at 500 fps.
 
 "Made" is what makes the value in the first two columns: `learnt`; `corrected`: learnt, then changed by a factor, filter
 or guidance; `rule`: a rule with published rates; `construction`: any weights give it. Only what is learnt says how good
@@ -111,25 +126,37 @@ def main() -> None:
     if not corpus_inputs.corpus.has_truth:
         raise InputError(f"{workspace.corpus}: should be a corpus with true motion, got one without")
     model = workspace.data("train", asked.model)
-    baselines = {title: workspace.data("train", name) for title, name in BASELINES.items()}
-    for path in (model, *baselines.values()):
+    compared = {title: workspace.data("train", name) for title, name in COMPARED.items()}
+    for path in (model, *compared.values()):
         Animator.load(path)
-    clips = corpus_inputs.corpus.select(*SPLITS[asked.split], take=0)
+    groups = group_sounds(
+        corpus_inputs.corpus, corpus_inputs.fit, corpus_inputs.embed, ("train", *SPLITS[asked.split]), PROBED, SEED
+    )
+    sounds = [group for group in groups if group.clip.split != "train"]
     with parallel_backend(workspace.params.get("machine", {})):
         found = list(
             parallel_map(
-                partial(extract, corpus_inputs, model, baselines),
-                list(enumerate(clips)),
+                partial(extract, corpus_inputs, model, compared),
+                list(enumerate(sounds)),
                 workspace.jobs,
                 f"reference ranges of {asked.model}",
             )
         )
-        tied = measure_ties(corpus_inputs, {SAMPLED: model, **baselines}, SPLITS[asked.split], workspace.jobs)
+        references: dict[str, MotionsOf] = {
+            FITTED: partial(fitted_motions, corpus_inputs),
+            TRUTH: partial(reference_motions, corpus_inputs),
+        }
+        others = {group.clip.id: group.others for group in groups}
+        if all(others.values()):
+            references[MISMATCHED] = partial(mismatched_motions, corpus_inputs, others)
+        tied = measure_ties(
+            corpus_inputs, {SAMPLED: model, **compared}, references, SPLITS[asked.split], workspace.jobs
+        )
     columns = [measure(name, join_pools(one[name] for one in found)) | tied.get(name, {}) for name in COLUMNS]
     default = (asked.model, asked.split) == (DEFAULT_MODEL, "val")
     name = asked.model if asked.split == "val" else f"{asked.model}-{asked.split}"
     words = "" if default else f" {asked.model} --split {asked.split}"
-    text = markdown(columns, len(clips), " and ".join(SPLITS[asked.split]), words)
+    text = markdown(columns, len(sounds), " and ".join(SPLITS[asked.split]), words)
     out = Path("docs/reference_ranges_model.md") if default else Path("build/reference_ranges", f"{name}.md")
     (workspace.root / out).parent.mkdir(parents=True, exist_ok=True)
     for path, content in (
@@ -148,26 +175,30 @@ def _animator(model: Path) -> Animator:
 
 
 def extract(
-    corpus_inputs: CorpusInputs, model: Path, baselines: Mapping[str, Path], numbered: tuple[int, Clip]
+    corpus_inputs: CorpusInputs, model: Path, compared: Mapping[str, Path], numbered: tuple[int, SoundGroup]
 ) -> dict[str, PooledArrays]:
     """Pooled arrays of each column for one sound, animated with its own seeds.
 
     With equal seeds for all sounds, all would start with the same random numbers: vergence, which hardly changes within
     a clip, would have only as many values as there are seeds.
     """
-    number, clip = numbered
+    number, sound = numbered
+    clip = sound.clip
 
     def made(path: Path, fps: float, partner: Float[ndarray, " N"] | None, postprocessing: bool) -> list[Motion]:
         return animate(
             corpus_inputs, path, clip, SAMPLES, SAMPLES * number, fps, partner, postprocessing=postprocessing
         )
 
-    def seen(motions: list[Motion]) -> PooledArrays:
-        takes = {"eye": [each.gaze.mean(axis=1) for each in motions], "head": [each.head for each in motions]}
-        return {
-            **join_pools(measurements.extract(load_clip_data(corpus_inputs, clip, motion)) for motion in motions),
-            **{f"takes.{part}": probes.between_take_variance(np.stack(each))[None] for part, each in takes.items()},
-        }
+    def seen(motions: Sequence[Motion]) -> PooledArrays:
+        pool = join_pools(measurements.extract(data) for data in load_clip_data(corpus_inputs, clip, motions))
+        if len(motions) > 1:
+            for part, takes in (
+                ("eye", [each.gaze.mean(axis=1) for each in motions]),
+                ("head", [each.head for each in motions]),
+            ):
+                pool[f"takes.{part}"] = probes.between_take_variance(np.stack(takes))[None]
+        return pool
 
     def with_finest(partner: Float[ndarray, " N"] | None, postprocessing: bool) -> PooledArrays:
         coarse, finest = (made(model, fps, partner, postprocessing) for fps in (OWN_FPS, MAIN_SEQUENCE_FPS))
@@ -181,9 +212,24 @@ def extract(
         SLOW: with_finest(partner, postprocessing=True),
         FAST: seen(made(model, SCREEN_FPS, partner, postprocessing=True)),
         SAMPLED: with_finest(None, postprocessing=False),
-        **{name: seen(made(path, OWN_FPS, None, postprocessing=False)) for name, path in baselines.items()},
-        TRUTH: extract_sound(corpus_inputs, [clip]),
+        **{name: seen(made(path, OWN_FPS, None, postprocessing=False)) for name, path in compared.items()},
+        MISMATCHED: seen(mismatched_motions(corpus_inputs, {clip.id: sound.others}, clip)) if sound.others else {},
+        FITTED: seen([motion for take in sound.takes for motion in fitted_motions(corpus_inputs, take)]),
+        TRUTH: extract_sound(corpus_inputs, sound.takes),
     }
+
+
+def fitted_motions(corpus_inputs: CorpusInputs, clip: Clip) -> list[Motion]:
+    """The fitted motion of a clip, as MotionsOf."""
+    return [Motion.load(motion_path(corpus_inputs.fit, clip))]
+
+
+def mismatched_motions(corpus_inputs: CorpusInputs, others: Mapping[str, Sequence[Clip]], clip: Clip) -> list[Motion]:
+    """Fitted motions of the other sounds of a clip, as MotionsOf; as long as the shortest, and no longer than the
+    clip."""
+    motions = [motion for other in others[clip.id] for motion in fitted_motions(corpus_inputs, other)]
+    frames = min(int(clip.seconds * clip.fps), *map(len, motions))
+    return [motion.cut(0, frames) for motion in motions]
 
 
 def animate(
@@ -207,17 +253,22 @@ def animate(
 
 
 def measure_ties(
-    corpus_inputs: CorpusInputs, models: Mapping[str, Path], judged: Sequence[str], jobs: int
+    corpus_inputs: CorpusInputs,
+    models: Mapping[str, Path],
+    references: Mapping[str, MotionsOf],
+    judged: Sequence[str],
+    jobs: int,
 ) -> dict[str, Measurements]:
-    """Rows on sound and motion of each column: of motions as sampled, and of the truth."""
+    """Rows on sound and motion of each column: of motions as sampled, and of recorded ones."""
     train, tested = tower_clips(corpus_inputs, judged)
+    animated = [(tested, PROBED)] if reason_against_towers(corpus_inputs, judged) else [(train, 1), (tested, PROBED)]
     with tempfile.TemporaryDirectory(prefix="talkingeyes-") as folder:
-        sources = {TRUTH: partial(reference_motions, corpus_inputs)}
+        sources = dict(references)
         for column, path in models.items():
-            place = Path(folder, path.name)
-            for clips, samples in ((train, 1), (tested, PROBED)):
+            place = Path(folder, column)
+            for clips, samples in animated:
                 task = partial(save_motions, corpus_inputs, path, samples, place)
-                list(parallel_map(task, list(enumerate(clips)), jobs, f"motions of {path.name}"))
+                list(parallel_map(task, list(enumerate(clips)), jobs, f"motions of {column}"))
             sources[column] = partial(load_motions, place)
         return {
             column: measure_probes(corpus_inputs, motions_of, tested, jobs)
@@ -242,20 +293,21 @@ def load_motions(folder: Path, clip: Clip) -> list[Motion]:
     return [Motion.load(path) for path in sorted(shard_path(folder, clip.id, "").iterdir())]
 
 
-def load_clip_data(corpus_inputs: CorpusInputs, clip: Clip, motion: Motion) -> ClipData:
-    """An animation with the data of its sound; the model has no jaw."""
-    sound_prosody = prosody(corpus_inputs.corpus.speech(clip), motion.fps, corpus_inputs.prosody)
+def load_clip_data(corpus_inputs: CorpusInputs, clip: Clip, motions: Sequence[Motion]) -> Iterator[ClipData]:
+    """Animations of a sound, all at one frame rate, with the data of the sound; a model has no jaw."""
+    sound_prosody = prosody(corpus_inputs.corpus.speech(clip), motions[0].fps, corpus_inputs.prosody)
     annotation = corpus_inputs.corpus.annotation(clip)
-    fields = {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid}
-    frames = len(motion)
-    return ClipData(
-        speaker=clip.speaker,
-        sound=clip.sound,
-        behaviour=behaviour(motion.fps, fields, motion.valid, annotation),
-        annotation=annotation,
-        frame_prosody=FrameProsody(sound_prosody.energy_dbfs[:frames], sound_prosody.f0_hz[:frames]),
-        axis_divergence_rad=axis_divergence_rad(corpus_inputs, clip),
-    )
+    divergence_rad = axis_divergence_rad(corpus_inputs, clip)
+    for motion in motions:
+        fields, frames = {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid}, len(motion)
+        yield ClipData(
+            speaker=clip.speaker,
+            sound=clip.sound,
+            behaviour=behaviour(motion.fps, fields, motion.valid, annotation),
+            annotation=annotation,
+            frame_prosody=FrameProsody(sound_prosody.energy_dbfs[:frames], sound_prosody.f0_hz[:frames]),
+            axis_divergence_rad=divergence_rad,
+        )
 
 
 def extract_main_sequence(finest: Motion, coarse: Motion) -> PooledArrays:
@@ -272,21 +324,20 @@ def extract_main_sequence(finest: Motion, coarse: Motion) -> PooledArrays:
 
 
 def order_by_take(pool: PooledArrays) -> PooledArrays:
-    """Order styles by sample, then by sound: half minutes of a speaker then combine several sounds, like those of the
-    truth, instead of samples of a single sound."""
+    """Order the styles of a model by sample, then by sound: half minutes of a speaker then combine several sounds, like
+    those of the truth, instead of samples of a single sound."""
     styles = {name: values.reshape(-1, SAMPLES).T.ravel() for name, values in pool.items() if name.startswith("style.")}
     return {**pool, **styles}
 
 
 def measure(column: str, pool: PooledArrays) -> Measurements:
     """Rows for head, gaze and blinks; of the model at 25 fps also of the main sequence and the kinematics of blinks."""
-    if column != TRUTH:
+    if column not in (MISMATCHED, FITTED, TRUTH):
         pool = order_by_take(pool)
     found = measurements.measure_gaze(pool) | measurements.measure_head(pool) | measurements.measure_speech(pool)
     found |= measurements.measure_blinks(pool) | measurements.measure_gaze_shifts(pool)
     found |= {"prosody_cca": head.sentence_correlation(pool), "pitch_level_correlation": head.frame_correlation(pool)}
-    if column != TRUTH:  # its sounds have one take
-        found |= {f"between_take_{part}": probes.between_take_fraction(pool, part) for part in ("eye", "head")}
+    found |= {f"between_take_{part}": probes.between_take_fraction(pool, part) for part in ("eye", "head")}
     if column in (SLOW, SAMPLED):
         found |= measurements.measure_main_sequence(pool) | measurements.measure_blink_kinematics(pool)
     return found

@@ -22,7 +22,7 @@ FURTHER_TAKES = range(1000, 1004)
 
 def sound_of(settings: plan.SynthesizeSettings, clip: Clip) -> plan.PlannedSound:
     """The planned sound of a clip."""
-    return plan.plan_sounds(settings)[int(clip.sound.rsplit("-", 1)[1])]
+    return plan.plan_sound(settings, int(clip.sound.rsplit("-", 1)[1]))
 
 
 def regenerate_take(corpus_inputs: CorpusInputs, clip: Clip, take: int) -> Take:

@@ -17,9 +17,10 @@ SETTINGS = {
 }  # fmt: skip
 
 
-def head(prior: str) -> CausalVAEHead:
+def head(prior: str, temperature: float = 1.0) -> CausalVAEHead:
     torch.manual_seed(0)
-    made = CausalVAEHead(CausalVAEHeadSettings.model_validate(SETTINGS | {"prior": prior}), SPEECH).eval()
+    settings = SETTINGS | {"prior": prior, "temperature": temperature}
+    made = CausalVAEHead(CausalVAEHeadSettings.model_validate(settings), SPEECH).eval()
     if made.prior:
         torch.nn.init.normal_(made.prior.moments.weight)
     return made
@@ -58,6 +59,14 @@ def test_the_conditional_prior_follows_speech_up_to_the_first_frame_that_needs_t
         first = next(spread), next(spread)
         needed = (first[0] != first[1]).any(dim=(0, 2)).nonzero().min()
         assert needed >= model.prior.last_frame(index)
+
+
+@pytest.mark.parametrize("prior", ["standard", "conditional"])
+@torch.no_grad()
+def test_samples_differ_less_at_a_lower_temperature(prior: str) -> None:
+    same = speech()[:1].expand(40, -1, -1)
+    spread = [head(prior, temperature).sample(same, list(range(40))).std(dim=0).mean() for temperature in (1.0, 0.5)]
+    assert 0.3 < spread[1] / spread[0] < 0.7
 
 
 @torch.no_grad()

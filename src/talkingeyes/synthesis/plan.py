@@ -131,14 +131,20 @@ def seeded_generator(seed: int, stream: str, index: int, take: int = 0) -> np.ra
 
 
 def plan_sounds(settings: SynthesizeSettings) -> list[PlannedSound]:
-    """All sounds, source by source; speakers of a source alternate."""
-    found: list[PlannedSound] = []
-    first_speaker = 0
+    """All sounds, source by source."""
+    return [plan_sound(settings, index) for index in range(sum(each.clips for each in settings.sources.values()))]
+
+
+def plan_sound(settings: SynthesizeSettings, index: int) -> PlannedSound:
+    """The sound of an index; speakers of a source alternate."""
+    first_sound = first_speaker = 0
     for source, each in settings.sources.items():
-        for number in range(each.clips):
-            found.append(_sound(settings, source, len(found), first_speaker + number % each.speakers))
+        number = index - first_sound
+        if number < each.clips:
+            return _sound(settings, source, index, first_speaker + number % each.speakers)
+        first_sound += each.clips
         first_speaker += each.speakers
-    return found
+    raise IndexError(f"should be below {first_sound}, got {index}")
 
 
 def _sound(settings: SynthesizeSettings, source: str, index: int, speaker: int) -> PlannedSound:

@@ -34,6 +34,8 @@ class CausalVAEHeadSettings(VAESettings, ComponentSettings):
     latent_frames: Annotated[int, Field(gt=0)]
     # Of the codes: N(0, I) as in the paper, or given the speech so far and the code before.
     prior: Literal["standard", "conditional"] = "standard"
+    # Factor on the standard deviation of sampled codes.
+    temperature: Annotated[float, Field(gt=0, le=1)] = 1.0
 
 
 @dataclass
@@ -107,7 +109,7 @@ class CausalVAEHead(nn.Module):
     def __init__(self, settings: CausalVAEHeadSettings, speech: int) -> None:
         super().__init__()
         self.settings = settings
-        size = settings.model_dump(exclude={"prior"}) | {"kind": "vae", "norm": "standardised_mean"}
+        size = settings.model_dump(exclude={"prior", "temperature"}) | {"kind": "vae", "norm": "standardised_mean"}
         self.vae_head = VAEHead(VAEHeadSettings.model_validate(size), speech)
         vae = self.vae_head.vae
         vae.decoder = CausalConvolutionStack(
@@ -174,7 +176,7 @@ class CausalVAEHead(nn.Module):
 
     def _draw(self, latent_state: _LatentState) -> Float[Tensor, "B Z"]:
         uniform = torch.stack([torch.rand(self.settings.latent, generator=each) for each in latent_state.generators])
-        normal: Tensor = torch.special.ndtri(uniform.clamp(1e-7, 1 - 1e-7))
+        normal: Tensor = self.settings.temperature * torch.special.ndtri(uniform.clamp(1e-7, 1 - 1e-7))
         if self.prior is None:
             return normal
         speech = latent_state.features_at(self.prior.last_frame(latent_state.next_code))
