@@ -45,8 +45,8 @@ QUANTISER = {"kind": "codebook", "codes": 16, "width": 8, "commitment": 0.25, "d
 AUTOREGRESSION = {"transformer": CAUSAL, "speech_lookback": 3, "speech_lookahead": 3, "own_history_fraction": 0.5}
 DIFFUSION = {"kind": "diffusion", "width": 16, "layers": 1, "dropout": 0.0, "diffusion_steps": 20}
 GENERATORS: dict[str, dict[str, Any]] = {
-    "latent": {"kind": "latent", "transformer": BOTH_WAYS, "correlation_frames": 5},
-    "latent_vae": {"kind": "latent", "transformer": BOTH_WAYS, "correlation_frames": 1},
+    "latent": {"kind": "latent", "transformer": BOTH_WAYS, "correlation_frames": 5, "emotion_guidance": 1.0},
+    "latent_vae": {"kind": "latent", "transformer": BOTH_WAYS, "correlation_frames": 1, "emotion_guidance": 1.0},
     "ddpm": {**DIFFUSION, "sampling_steps": 20, "eta": 1.0},
     "ddim": {**DIFFUSION, "sampling_steps": 5, "eta": 0.0},
     "autoregression": {"kind": "autoregression", **AUTOREGRESSION},
@@ -334,6 +334,24 @@ def test_emotions_differ_before_training_among_many_speakers(tokenizers: dict[st
     styles = np.stack([vocabulary.style_vector(FaceStyle(None, each, 1)) for each in ("happy", "angry", "sad")])
     assert made.style is not None
     assert made.style(torch.from_numpy(styles)).std(dim=0).mean() > 0.2
+
+
+def test_guidance_enlarges_an_emotion_and_leaves_a_neutral_face(tokenizers: dict[str, FaceTokenizer]) -> None:
+    vocabulary, network = StyleVocabulary(("p0", "p1")), tokenizers["vae"].network
+    speech = torch.from_numpy(faces(1, seed=7)[0].speech)
+    styles = [FaceStyle("p1", "neutral", 0), FaceStyle("p1", "happy", 1)]
+
+    def generate(guidance: float) -> list[torch.Tensor]:
+        torch.manual_seed(0)
+        settings = model_settings("latent_vae", face=GENERATORS["latent_vae"] | {"emotion_guidance": guidance})
+        made = SpeechToFace(settings, ("energy_dbfs",), vocabulary, BASIS.numbers, network).eval()
+        vectors = [torch.from_numpy(vocabulary.style_vector(each)[None]) for each in styles]
+        return [made.generate(speech, each, [1, 2], 0.0) for each in vectors]
+
+    (neutral, as_learnt), (still_neutral, without), (_, twice) = (generate(guidance) for guidance in (1.0, 0.0, 2.0))
+    torch.testing.assert_close(still_neutral, neutral)
+    torch.testing.assert_close(without, neutral)
+    assert (twice - neutral).abs().mean() > 1.3 * (as_learnt - neutral).abs().mean() > 0
 
 
 def test_speaker_has_effect_only_with_style(talker: Any, tokenizers: dict[str, FaceTokenizer]) -> None:

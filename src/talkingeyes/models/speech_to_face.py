@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from talkingeyes.core.settings import Settings
 from talkingeyes.models.face.autoencoder import FaceAutoencoder
 from talkingeyes.models.face.generator import FACE_GENERATORS, FaceComponentSettings, FaceGenerator
+from talkingeyes.models.face.latent import LatentFace
 from talkingeyes.models.face.style import StyleInput, StyleVocabulary
 from talkingeyes.models.speech_projection import SpeechProjection, SpeechProjectionSettings
 
@@ -74,7 +75,7 @@ class SpeechToFace(nn.Module):
         tokenizer: FaceAutoencoder | None,
     ) -> None:
         super().__init__()
-        self.settings, self.speakers = settings, len(vocabulary.speakers)
+        self.settings, self.vocabulary, self.speakers = settings, vocabulary, len(vocabulary.speakers)
         self.speech = SpeechProjection(settings.speech, channels)
         columns = vocabulary.columns(settings.style)
         self.register_buffer("style_columns", torch.tensor(columns, dtype=torch.long))
@@ -113,9 +114,15 @@ class SpeechToFace(nn.Module):
     ) -> Float[Tensor, "B T F"]:
         """Faces of one speech with a style (a vector for all frames, or one per frame), one row per seed."""
         device = self.temperature.device
-        fused = self._stylised_speech(embedding[None].to(device), style[None].to(device))
-        chosen = float(self.temperature) if temperature is None else temperature
-        return self.face.sample(fused, seeds, chosen).clamp(self.min_face, self.max_face)
+        speech, chosen = embedding[None].to(device), float(self.temperature) if temperature is None else temperature
+        fused = self._stylised_speech(speech, style[None].to(device))
+        if isinstance(self.face, LatentFace) and self.face.settings.emotion_guidance != 1:
+            without = torch.from_numpy(self.vocabulary.without_emotion(style.cpu().numpy()))
+            neutral = self._stylised_speech(speech, without[None].to(device))
+            faces = self.face.sample(fused, seeds, chosen, neutral)
+        else:
+            faces = self.face.sample(fused, seeds, chosen)
+        return faces.clamp(self.min_face, self.max_face)
 
     def _stylised_speech(
         self, embedding: Float[Tensor, "B T C"], style: Float[Tensor, "B U D"]

@@ -33,9 +33,9 @@ class CausalVAEHeadSettings(VAESettings, ComponentSettings):
     # Frames per latent code. One code per clip cannot be streamed.
     latent_frames: Annotated[int, Field(gt=0)]
     # Of the codes: N(0, I) as in the paper, or given the speech so far and the code before.
-    prior: Literal["standard", "conditional"] = "standard"
+    prior: Literal["standard", "conditional"]
     # Factor on the standard deviation of sampled codes.
-    temperature: Annotated[float, Field(gt=0, le=1)] = 1.0
+    temperature: Annotated[float, Field(gt=0, le=1)]
 
 
 @dataclass
