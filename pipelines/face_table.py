@@ -2,7 +2,7 @@
 
 Run     python -m pipelines.face_table [--out DIR] [overrides], e.g. seeds=0 for one seed of all, or experiment=tiny
 Reads   conf/; corpus, fit and embedding of `make repro` are reused if they match
-Writes  DIR (by default docs/): face_table.md, face_table.json, pictures/face-heat.png, pictures/face-emotions-model.png
+Writes  DIR (by default docs/): face_table.md, face_table.json, pictures/face-*.png (those of PICTURES)
 
 An interrupted run resumes: every model, its samples and its row are kept in the result store.
 
@@ -21,6 +21,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
 from PIL import Image
 
 from pipelines.evaluate import InputPaths, held_out_sounds
@@ -34,12 +36,12 @@ from pipelines.table_runs import (
     configs_by_seed,
     parse_arguments,
 )
-from talkingeyes.audio.annotation import EMOTIONS, INTENSITIES
+from talkingeyes.audio.annotation import EMOTIONS, INTENSITIES, Annotation
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.evaluation.face.articulation import ArticulationMetrics
-from talkingeyes.evaluation.face.pictures import emotion_sheet, heat_map_sheet
+from talkingeyes.evaluation.face.articulation import OPEN_VOWELS, ArticulationMetrics
+from talkingeyes.evaluation.face.pictures import frame_sheet, heat_map_sheet
 from talkingeyes.evaluation.face.summary import FaceMetrics, paired_differences, summarise_seeds
 from talkingeyes.evaluation.face.surface import FaceSurface
 from talkingeyes.evaluation.face.table import (
@@ -69,6 +71,11 @@ ROW_CODE = (
     "src/talkingeyes/head",
 )
 HEAT_MAP_ROWS = ("truth", "probtalk3d", "face_vae", "face_ddim", "face_codetalker", "face_mean")
+# The paper has FaceDiffuser and EMOTE, which is deterministic, beside its own two.
+SYLLABLE_ROWS = ("truth", "probtalk3d", "face_vae", "face_ddpm", "face_faceformer")
+ABLATION_ROWS = ("truth", "probtalk3d", "probtalk3d_no_emotion", "face_vae", "face_vae_no_emotion")
+# Closed lips, a pout, an open mouth: phonemes of espeak-ng.
+SYLLABLES = {"p": ("p",), "m": ("m",), "w": ("w",), "a": OPEN_VOWELS}
 HEAT_PX, TILE_PX, FRAMES_SHOWN = 220, 120, 6
 EMOTION_MODEL = "probtalk3d"  # the model of the sheet of emotions
 COMPARED = "probtalk3d"  # the row that the others are compared with, sound by sound
@@ -103,14 +110,12 @@ Differences of the rows above on the same sounds and seeds, with 95 % intervals 
 
 """
 
-PICTURES = """### Motion of each vertex from frame to frame (as in Fig. 6 of the paper)
-
-![Mean and SD of motion](pictures/face-heat.png)
-
-### One sentence in eight emotions (as in Fig. 7 of the paper)
-
-![Emotions](pictures/face-emotions-model.png)
-"""
+PICTURES = {
+    "face-syllables.png": "Syllables of one neutral sentence (as in Fig. 5 of the paper)",
+    "face-heat.png": "Motion of each vertex from frame to frame (as in Fig. 6 of the paper)",
+    "face-emotions-model.png": "One sentence in eight emotions (as in Fig. 7 of the paper)",
+    "face-ablation.png": "With and without emotion control (as in Fig. 8 of the paper)",
+}
 
 
 def rows_of(params: Mapping[str, Any]) -> list[str]:
@@ -129,10 +134,10 @@ def main() -> None:
     by_seed = {name: [_by_split(one) for one in seeds] for name, seeds in found.by_name.items()}
     table = {name: _summary(seeds, by_seed[COMPARED], settings) for name, seeds in by_seed.items()}
     (out / "pictures").mkdir(parents=True, exist_ok=True)
+    _draw(out / "pictures", found.data, {name: seeds[0] for name, seeds in found.by_name.items()})
     (out / "face_table.json").write_text(json.dumps(table, indent=1))
     introduction = INTRODUCTION.format(revision=revision(), seeds=", ".join(map(str, wanted.seeds)))
-    (out / "face_table.md").write_text(introduction + summary(table) + differences(table) + PICTURES)
-    _draw(out / "pictures", found.data, {name: seeds[0] for name, seeds in found.by_name.items()})
+    (out / "face_table.md").write_text(introduction + summary(table) + differences(table) + pictures(out / "pictures"))
     print(face_markdown(table))
 
 
@@ -159,6 +164,12 @@ def differences(rows: Mapping[str, Mapping[str, Any]]) -> str:
     if not lines:
         return ""
     return DIFFERENCES + markdown_table(["", *(each.heading for each in columns)], lines) + "\n\n"
+
+
+def pictures(folder: Path) -> str:
+    """The pictures that are in a folder: those of models that were not trained are missing."""
+    shown = ((name, title) for name, title in PICTURES.items() if (folder / name).exists())
+    return "\n".join(f"### {title}\n\n![{title}](pictures/{name})\n" for name, title in shown)
 
 
 def _difference(found: Mapping[str, float] | None, digits: int) -> str:
@@ -224,26 +235,49 @@ def _figures(row: Mapping[str, Any]) -> FaceMetrics:
 
 
 def _draw(folder: Path, data: Mapping[str, Path], made: Mapping[str, RowResult]) -> None:
-    """Heat maps of truth and a few models, and a sheet of emotions of one model, for the first neutral sound of
-    test."""
-    corpus = Corpus(data["synthesize"])
+    """Pictures of the first seed, for sounds of test: a neutral one, and one of the strongest emotion (Fig. 8)."""
+    corpus, surface = Corpus(data["synthesize"]), FaceSurface(anny_head())
     clips = sorted(corpus.select("test", take=0), key=lambda clip: (clip.intensity, clip.id))
     if not clips:
         return
-    clip, surface = clips[0], FaceSurface(anny_head())
-    shown = {"Truth": stack_faces([corpus.truth(clip)])}
-    for name in HEAT_MAP_ROWS:
-        samples = made[name].samples if name in made else None
-        if samples is not None:
-            shown[TITLES[name]] = FaceSamples.load(shard_path(samples, clip.id, ".npz"))
-    Image.fromarray(heat_map_sheet(surface, shown, HEAT_PX)).save(folder / "face-heat.png")
+    neutral, strongest = clips[0], clips[-1]
+
+    def rows(names: Sequence[str], clip: Clip) -> dict[str, FaceSamples]:
+        shown = {"Truth": stack_faces([corpus.truth(clip)])}
+        for name in names:
+            samples = made[name].samples if name in made else None
+            if samples is not None:
+                shown[TITLES[name]] = FaceSamples.load(shard_path(samples, clip.id, ".npz"))
+        return shown
+
+    def save(name: str, picture: UInt8[ndarray, "H W 3"]) -> None:
+        Image.fromarray(picture).save(folder / name)
+
+    spoken = syllable_times_s(corpus.annotation(neutral))
+    save("face-syllables.png", frame_sheet(surface.model, rows(SYLLABLE_ROWS, neutral), spoken, TILE_PX))
+    save("face-heat.png", heat_map_sheet(surface, rows(HEAT_MAP_ROWS, neutral), HEAT_PX))
+    emotional = spread_times_s(strongest, f"{strongest.emotion} {strongest.intensity}, ")
+    save("face-ablation.png", frame_sheet(surface.model, rows(ABLATION_ROWS, strongest), emotional, TILE_PX))
     model = made[EMOTION_MODEL].model if EMOTION_MODEL in made else None
     if model is not None:
-        by_emotion = sample_emotions(load_face_generator(model), data["embed"], clip)
-        times_s = [(at + 0.5) * clip.seconds / FRAMES_SHOWN for at in range(FRAMES_SHOWN)]
-        Image.fromarray(emotion_sheet(surface.model, by_emotion, times_s, TILE_PX)).save(
-            folder / "face-emotions-model.png"
-        )
+        by_emotion = sample_emotions(load_face_generator(model), data["embed"], neutral)
+        save("face-emotions-model.png", frame_sheet(surface.model, by_emotion, spread_times_s(neutral), TILE_PX))
+
+
+def spread_times_s(clip: Clip, caption: str = "") -> dict[str, float]:
+    """Times at equal distances over a clip, by their captions."""
+    times_s = [(at + 0.5) * clip.seconds / FRAMES_SHOWN for at in range(FRAMES_SHOWN)]
+    return {f"{caption}{time_s:.1f} s": time_s for time_s in times_s}
+
+
+def syllable_times_s(annotation: Annotation) -> dict[str, float]:
+    """The middle of the first phoneme of each kind of SYLLABLES."""
+    found = {}
+    for title, kinds in SYLLABLES.items():
+        same = (each for each in annotation.phonemes if each.symbol.startswith(kinds))
+        if first := next(same, None):
+            found[title] = (first.start_s + first.end_s) / 2
+    return found
 
 
 def sample_emotions(generator: TrainedFaceGenerator, embed: Path, clip: Clip) -> dict[str, FaceSamples]:

@@ -11,14 +11,15 @@ from toy_workspace import FPS, FRAMES, toy_workspace
 
 from pipelines import evaluate
 from pipelines.evaluate_face import FaceInputPaths, measure_faces, stack_faces
-from pipelines.face_table import options
+from pipelines.face_table import options, syllable_times_s
 from pipelines.table_runs import SEEDS
+from talkingeyes.audio.annotation import Annotation, Phoneme
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.face.pictures import heat_colours, heat_map
+from talkingeyes.evaluation.face.pictures import LABEL_PX, frame_sheet, heat_colours, heat_map
 from talkingeyes.evaluation.face.summary import paired_differences, summarise_face, summarise_seeds
 from talkingeyes.evaluation.face.surface import FaceSurface
 from talkingeyes.evaluation.face.table import face_markdown
@@ -132,6 +133,21 @@ def test_heat_map_is_displacement_between_frames():
     eyes = surface.model.vertices_of("pupil")
     assert np.array_equal(colours[eyes], surface.model.colours[eyes])
     assert not np.allclose(colours[surface.regions["lips"]], surface.model.colours[surface.regions["lips"]])
+
+
+def test_sheet_of_frames_at_syllables():
+    annotation = Annotation(phonemes=(Phoneme(0.0, 0.2, "a"), Phoneme(0.2, 0.3, "p"), Phoneme(0.4, 0.6, "p")))
+    times_s = syllable_times_s(annotation)
+    assert times_s == {"p": pytest.approx(0.25), "a": pytest.approx(0.1)}
+    jaw = np.zeros((1, 10, 3))
+    jaw[0, 2, 0] = 0.4  # at 0.1 s
+    opening = FaceSamples(25.0, jaw, np.zeros((1, 10, 1)), ("mouthFunnel",), "anny")
+    closed = FaceSamples(25.0, 0 * jaw, np.zeros((1, 10, 1)), ("mouthFunnel",), "anny")
+    sheet = frame_sheet(anny_head(), {"opening": opening, "closed": closed}, times_s, 48)
+    assert sheet.shape == (2 * (48 + LABEL_PX) + LABEL_PX, 96, 3)
+    first, second = sheet[2 * LABEL_PX : 2 * LABEL_PX + 48], sheet[-48:]
+    assert np.array_equal(first[:, :48], second[:, :48]), "p: both are closed"
+    assert not np.array_equal(first[:, 48:], second[:, 48:]), "a: one is open"
 
 
 def test_table_options_are_seeds_and_folder(tmp_path):

@@ -57,7 +57,9 @@ def test_page_of_faces() -> None:
     text = page("face_table")
     introduction = face_table.INTRODUCTION.format(revision=revision_of(text), seeds=SEEDS)
     found = numbers("face_table")
-    assert text == introduction + face_table.summary(found) + face_table.differences(found) + face_table.PICTURES
+    assert text == introduction + face_table.summary(found) + face_table.differences(found) + face_table.pictures(
+        DOCS / "pictures"
+    )
 
 
 def test_page_of_face_models_has_the_figures_of_the_report() -> None:

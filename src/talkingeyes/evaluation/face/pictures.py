@@ -1,4 +1,5 @@
-"""Pictures of faces on the open head: how much each vertex moves (ProbTalk3D, Fig. 6), and emotions (its Fig. 7).
+"""Pictures of faces on the open head: how much each vertex moves (ProbTalk3D, Fig. 6), and sheets of frames (its Fig.
+5, 7 and 8).
 
 A heat map shows for each vertex the mean or the SD over time of its displacement between consecutive frames, in
 millimetres. All maps of a sheet share one scale, from 0 to the 99th percentile of the first row.
@@ -6,7 +7,7 @@ millimetres. All maps of a sheet share one scale, from 0 to the 99th percentile 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -79,13 +80,14 @@ def heat_colours(model: HeadModel, shares: Float[ndarray, " V"]) -> Float[ndarra
     return np.asarray(colours)
 
 
-def emotion_sheet(
-    model: HeadModel, rows: Mapping[str, FaceSamples], times_s: Sequence[float], size_px: int
+def frame_sheet(
+    model: HeadModel, rows: Mapping[str, FaceSamples], times_s: Mapping[str, float], size_px: int
 ) -> UInt8[ndarray, "H W 3"]:
-    """Sheet of faces: one line per entry of `rows` (an emotion), one column per time; the first sample of each."""
-    lines = []
+    """Sheet of faces: one line per entry of `rows`, below its name, one column per time, named at the top; the first
+    sample of each."""
+    lines: list[UInt8[ndarray, "K W 3"]] = []
     for name, faces in rows.items():
-        at = [min(round(time_s * faces.fps), faces.jaw.shape[1] - 1) for time_s in times_s]
+        at = [min(round(time_s * faces.fps), faces.jaw.shape[1] - 1) for time_s in times_s.values()]
         still = np.zeros((len(at), 3)), np.zeros((len(at), 2, 3))
         motion = Motion.of(
             faces.fps,
@@ -95,10 +97,9 @@ def emotion_sheet(
             expression_names=faces.expression_names,
             head_model=faces.head_model,
         )
-        tiles = list(_painter(model, size_px).draw(motion))
-        lines.append(
-            np.concatenate([with_caption(tile, name if not column else "") for column, tile in enumerate(tiles)], 1)
-        )
+        drawn = zip(times_s, _painter(model, size_px).draw(motion), strict=True)
+        tiles = [tile if lines else with_caption(tile, column) for column, tile in drawn]
+        lines.append(with_caption(np.concatenate(tiles, axis=1), name))
     return np.concatenate(lines, axis=0)
 
 
