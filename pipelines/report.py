@@ -2,7 +2,7 @@
 
 Reads   data/evaluate/* (metrics, speeds, the gaze benchmark), data/information/*, data/critic/report.json and
         notes.txt; for plots and films the corpus, data/fit and data/sample/*; if they exist, data/fit/table8.json,
-        data/pretrain/*/codes.json, and data/validate/*, whose figures on val go into the rows of MLflow only
+        data/pretrain/*/codes.json and data/validate/*
 Writes  data/report/: metrics.json {row: {split: {part: {metric: value}}}}, table3.md, table3.csv, and as PNG: metrics,
         traces (several samples of one sound), speeds, code usage, benchmark (all metrics beside the truth's
         intervals); face.md: the faces, as in ProbTalk3D's Table 1;
@@ -17,6 +17,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -127,103 +128,131 @@ Each value with its interval over sounds; bold: worse than the truth for the sam
 """
 
 
+@dataclass(frozen=True)
+class Results:
+    """What earlier stages wrote, by row; `counts` are those of codes, by tokenizer.
+
+    `eyes` are the rows of more than a face. `tied` is the information of rows whose motion follows its own sound.
+    """
+
+    rows: dict[str, MethodMetrics]
+    eyes: dict[str, MethodMetrics]
+    benchmarks: dict[str, list[MetricResult]]
+    informed: dict[str, Any]
+    tied: dict[str, Any]
+    aversions: dict[str, Any]
+    on_val: dict[str, dict[str, float]]
+    counts: dict[str, Float[ndarray, " K"]]
+    critic: dict[str, Any]
+    critic_notes: str
+    required: dict[str, list[Requirement]]
+    upstream: list[Requirement]
+
+    @classmethod
+    def read(cls, workspace: Workspace) -> Results:
+        """Raises InputError if `evaluate` has no rows or a file is not readable."""
+        rows = _json_of_rows(workspace.data("evaluate"), "metrics.json")
+        if not rows:
+            raise InputError(f"{workspace.data('evaluate')}: should contain rows of `evaluate`, got none")
+        eyes = {name: row for name, row in rows.items() if any(set(parts) - {"face"} for parts in row.values())}
+        benchmarks = _benchmarks(workspace.data("evaluate"), order_rows(eyes))
+        informed = _json_of_rows(workspace.data("information"), "metrics.json")
+        informed = {name: informed[name] for name in order_rows(eyes) if name in informed}
+        aversions = _json_of_rows(workspace.data("evaluate"), "aversion.json")
+        on_val = _json_of_rows(workspace.data("validate"), "metrics.json")
+        codes = _json_of_rows(workspace.data("pretrain"), "codes.json")
+        counts = {name: np.array(found["counts"], float) for name, found in codes.items()}
+        return cls(
+            rows=rows,
+            eyes=eyes,
+            benchmarks=benchmarks,
+            informed=informed,
+            tied={name: row for name, row in informed.items() if _uses_sound(row)},
+            aversions=aversions,
+            on_val={name: found for name, found in on_val.items() if found},
+            counts=counts,
+            critic=_json(workspace.data("critic", "report.json")),
+            critic_notes=workspace.data("critic", "notes.txt").read_text(),
+            required={name: model_requirements(eyes, benchmarks, aversions, name) for name in order_rows(eyes)},
+            upstream=[
+                *critic_requirements(eyes),
+                *_upstream(workspace.data("fit", "table8.json"), counts),
+                *face_requirements(rows, FACE_MODEL),
+            ],
+        )
+
+
 def run(workspace: Workspace) -> Report:
     """Collect the rows, write the tables and draw the plots."""
-    rows = {path.parent.name: _json(path) for path in sorted(workspace.data("evaluate").glob("*/metrics.json"))}
-    if not rows:
-        raise InputError(f"{workspace.data('evaluate')}: should contain rows of `evaluate`, got none")
-    eyes = {name: row for name, row in rows.items() if any(set(parts) - {"face"} for parts in row.values())}
-    counts = {
-        path.parent.name: np.array(_json(path)["counts"], float)
-        for path in sorted(workspace.data("pretrain").glob("*/codes.json"))
-    }
-    benchmarks = _benchmarks(workspace.data("evaluate"), order_rows(eyes))
-    informed = {path.parent.name: _json(path) for path in workspace.data("information").glob("*/metrics.json")}
-    informed = {name: informed[name] for name in order_rows(eyes) if name in informed}
-    aversions = {path.parent.name: _json(path) for path in workspace.data("evaluate").glob("*/aversion.json")}
-    on_val = {
-        path.parent.name: found for path in workspace.data("validate").glob("*/metrics.json") if (found := _json(path))
-    }
-    tied = {name: row for name, row in informed.items() if _uses_sound(row)}
-    upstream = [
-        *critic_requirements(eyes),
-        *_upstream(workspace.data("fit", "table8.json"), counts),
-        *face_requirements(rows, FACE_MODEL),
-    ]
-    required = {name: model_requirements(eyes, benchmarks, aversions, name) for name in order_rows(eyes)}
+    results = Results.read(workspace)
     with workspace.output("report") as folder:
-        (folder / "metrics.json").write_text(json.dumps(_values(rows), indent=1))
-        (folder / "requirements.json").write_text(json.dumps(to_json(required), indent=1))
-        (folder / "table3.csv").write_text(to_csv(eyes))
-        critic = _json(workspace.data("critic", "report.json"))
-        notes = workspace.data("critic", "notes.txt").read_text()
-        (folder / "table3.md").write_text(
-            _page(eyes, critic, notes, upstream, required, benchmarks, informed, aversions, on_val)
-        )
-        (folder / "summary.txt").write_text(report_summary(rows, tied, aversions, required, upstream, "data/report"))
-        (folder / "rows").mkdir()
-        for name, row in rows.items():
-            figures = row_metrics(row, tied.get(name), aversions.get(name), required.get(name, ()))
-            (folder / "rows" / f"{name}.json").write_text(json.dumps(figures, indent=1) + "\n")
-        (folder / "face.md").write_text(FACES + face_markdown(rows))
-        plot_strips(
-            {TITLES.get(name, name): table for name, table in benchmarks.items()}, _colours(), folder / "benchmark.png"
-        )
-        plot_metrics(eyes, folder / "metrics.png")
-        plot_speed_distributions(_speeds(workspace.data("evaluate"), order_rows(eyes)), folder / "speeds.png")
-        if counts:
-            plot_code_usage(counts, folder / "code_usage.png")
-        takes = _most_takes(Corpus(workspace.corpus))
-        if takes:
-            _draw_traces(workspace, takes, folder / "traces.png")
-            write_films(workspace, list(rows), takes[0], folder / "films")
+        _write_tables(folder, results)
+        _draw(folder, workspace, results)
     artifacts = [path for path in sorted(workspace.data("report").iterdir()) if path.suffix]
     pictures = [path for path in artifacts if path.suffix in (".png", ".md")]
-    compared = {
-        name: _compared(name, rows, informed.get(name, {}), required.get(name, ()), on_val.get(name, {}))
-        for name in rows
-    }
-    for name, found in aversions.items():
-        compared[name]["aversion_information"] = found["information"]["value"]
     return Report(
         metrics={
-            f"requirements_missed/{name}": float(sum(not each.is_met for each in required[name])) for name in required
+            f"requirements_missed/{name}": float(sum(not each.is_met for each in required))
+            for name, required in results.required.items()
         },
         artifacts=artifacts,
         rows=[
-            MethodResult(name, compared[name], [*pictures, *workspace.data("report", "films").glob(f"{name}.mp4")])
-            for name in order_rows(rows)
+            MethodResult(
+                name, _compared(name, results), [*pictures, *workspace.data("report", "films").glob(f"{name}.mp4")]
+            )
+            for name in order_rows(results.rows)
         ],
     )
 
 
-def _page(
-    rows: Mapping[str, MethodMetrics],
-    critic: Mapping[str, Any],
-    notes: str,
-    upstream: list[Requirement],
-    required: Mapping[str, Sequence[Requirement]],
-    benchmarks: Mapping[str, Sequence[MetricResult]],
-    informed: Mapping[str, Any],
-    aversions: Mapping[str, Any],
-    on_val: Mapping[str, Mapping[str, float]],
-) -> str:
+def _write_tables(folder: Path, results: Results) -> None:
+    """The page of Table III and that of the face; the same figures as CSV and JSON, and row by row; the summary."""
+    (folder / "metrics.json").write_text(json.dumps(_values(results.rows), indent=1))
+    (folder / "requirements.json").write_text(json.dumps(to_json(results.required), indent=1))
+    (folder / "table3.csv").write_text(to_csv(results.eyes))
+    (folder / "table3.md").write_text(_page(results))
+    (folder / "face.md").write_text(FACES + face_markdown(results.rows))
+    summary = report_summary(
+        results.rows, results.tied, results.aversions, results.required, results.upstream, "data/report"
+    )
+    (folder / "summary.txt").write_text(summary)
+    (folder / "rows").mkdir()
+    for name, row in results.rows.items():
+        figures = row_metrics(row, results.tied.get(name), results.aversions.get(name), results.required.get(name, ()))
+        (folder / "rows" / f"{name}.json").write_text(json.dumps(figures, indent=1) + "\n")
+
+
+def _draw(folder: Path, workspace: Workspace, results: Results) -> None:
+    """Plots of the tables, and of motions of the sound with the most takes; its films."""
+    titled = {TITLES.get(name, name): table for name, table in results.benchmarks.items()}
+    plot_strips(titled, _colours(), folder / "benchmark.png")
+    plot_metrics(results.eyes, folder / "metrics.png")
+    plot_speed_distributions(_speeds(workspace.data("evaluate"), order_rows(results.eyes)), folder / "speeds.png")
+    if results.counts:
+        plot_code_usage(results.counts, folder / "code_usage.png")
+    takes = _most_takes(Corpus(workspace.corpus))
+    if takes:
+        _draw_traces(workspace, takes, folder / "traces.png")
+        write_films(workspace, list(results.rows), takes[0], folder / "films")
+
+
+def _page(results: Results) -> str:
     parts = [INTRODUCTION]
-    if informed:
-        parts += [INFORMATION, information_table(informed, TITLES), ""]
-    parts += [AVERSION, aversion_table(aversions), ""]
-    if on_val:
-        parts += [VALIDATION, validation_table(on_val), ""]
-    parts += [REQUIREMENTS, model_requirements_table(required), "", markdown(rows), BENCHMARK]
+    if results.informed:
+        parts += [INFORMATION, information_table(results.informed, TITLES), ""]
+    parts += [AVERSION, aversion_table(results.aversions), ""]
+    if results.on_val:
+        parts += [VALIDATION, validation_table(results.on_val), ""]
+    parts += [REQUIREMENTS, model_requirements_table(results.required), "", markdown(results.eyes), BENCHMARK]
     parts += [
-        learnt_counts(benchmarks),
-        benchmark_markdown(benchmarks, TITLES),
+        learnt_counts(results.benchmarks),
+        benchmark_markdown(results.benchmarks, TITLES),
         "\n### Requirements on fitting, codebooks, critics and the face\n",
-        requirements_table(upstream),
+        requirements_table(results.upstream),
         "\n### The critics behind Corr.\n",
-        critic_table(critic),
+        critic_table(results.critic),
         "",
-        notes,
+        results.critic_notes,
     ]
     return "\n".join(parts)
 
@@ -346,16 +375,10 @@ def _values(rows: Mapping[str, MethodMetrics]) -> dict[str, Any]:
     }
 
 
-def _compared(
-    name: str,
-    rows: Mapping[str, MethodMetrics],
-    informed: Mapping[str, Any],
-    required: Sequence[Requirement],
-    on_val: Mapping[str, float],
-) -> dict[str, float]:
+def _compared(name: str, results: Results) -> dict[str, float]:
     """The figures of a row in the comparison of MLflow: all its metrics, information, ties, requirements met, and those
     on val."""
-    values = _values({"own": rows[name], "fitted": rows.get("fitted", {})})
+    values = _values({"own": results.rows[name], "fitted": results.rows.get("fitted", {})})
     found = _flat(values["own"])
     for split, parts in values["own"].items():
         for part in TIED_PARTS:
@@ -364,14 +387,16 @@ def _compared(
             )
             if tie is not None and whole:
                 found[f"{split}/{part}/tie_ratio"] = tie / whole
-    for split, sounds in informed.items():
+    for split, sounds in results.informed.get(name, {}).items():
         found |= {f"{split}/information/{key}": each["value"] for key, each in sounds["own"].items()}
-    if required:
+    if required := results.required.get(name):
         found |= {
             "requirements_ties": float(count_met(required, True)),
             "requirements_margins": float(count_met(required, False)),
         }
-    return found | {f"val/{key}": value for key, value in on_val.items()}
+    if name in results.aversions:
+        found["aversion_information"] = results.aversions[name]["information"]["value"]
+    return found | {f"val/{key}": value for key, value in results.on_val.get(name, {}).items()}
 
 
 def _flat(row: Mapping[str, Any]) -> dict[str, float]:
@@ -381,6 +406,11 @@ def _flat(row: Mapping[str, Any]) -> dict[str, float]:
         for part, figures in parts.items()
         for key, value in figures.items()
     }
+
+
+def _json_of_rows(folder: Path, name: str) -> dict[str, Any]:
+    """The JSON file of this name of each row of a stage, by the name of the row."""
+    return {path.parent.name: _json(path) for path in sorted(folder.glob(f"*/{name}"))}
 
 
 def _json(path: Path) -> Any:
