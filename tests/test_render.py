@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny import anny_head
 from talkingeyes.rendering.contact_sheet import contact_sheet, static_motion
 from talkingeyes.rendering.render import HeadRenderer
+from talkingeyes.rendering.video import write_video
 from talkingeyes.rendering.view import FRAMINGS, Framing
 
 
@@ -64,3 +68,13 @@ def test_a_sheet_has_a_row_a_motion_and_a_column_a_time() -> None:
 def test_a_camera_inside_the_head_is_refused() -> None:
     with pytest.raises(InputError, match=r"camera: should be at least 0.2 m"):
         Framing(0.2, (0.0, 0.0, 0.0), distance_m=0.1).view(64, 64)
+
+
+def test_equal_frames_give_equal_films(tmp_path: Path) -> None:
+    frames = [np.asarray(frame) for frame in np.random.default_rng(0).integers(0, 256, (30, 48, 48, 3), np.uint8)]
+    sound = np.sin(np.arange(SAMPLE_RATE, dtype=np.float32))
+    contents = set()
+    for number in range(4):
+        write_video(tmp_path / f"{number}.mp4", frames, 25.0, sound)
+        contents.add((tmp_path / f"{number}.mp4").read_bytes())
+    assert len(contents) == 1

@@ -39,7 +39,9 @@ def write_video(
         _renamed_when_done(path) as partial,
         av.open(str(partial), "w", format="mp4", options={"movflags": "+faststart"}) as container,
     ):
-        video: Any = container.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": "20"})
+        # Without cpu-independent, the same frames give other bytes now and then.
+        options = {"preset": "veryfast", "crf": "20", "x264-params": "cpu-independent=1"}
+        video: Any = container.add_stream("libx264", rate=rate, options=options)
         video.pix_fmt = "yuv420p"
         video.thread_count = 1
         audio: Any = None if sound is None else container.add_stream("aac", rate=SAMPLE_RATE, layout="mono")
