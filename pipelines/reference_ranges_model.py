@@ -89,8 +89,9 @@ speaker is replaced by a fixed random training speaker.
 
 "As sampled" (`--no-postprocessing`) has no partner and no rule-based layers: listening, saccadic intrusions, the head
 contribution to large gaze shifts ([whole.md](whole.md)). It has blinks. The columns after it are as sampled, too:
-Random is a training clip under any sound, Untrained the default with random weights, Mismatched fitted motion of others.
-Ranges that the truth also misses are due to the small amount of motion. The main sequence is measured at 500 fps.
+Random is a training clip under any sound, Untrained the default with random weights, Mismatched fitted motion of
+another sound. Ranges that the truth also misses are due to the small amount of motion. The main sequence is measured
+at 500 fps.
 
 "Made" is what makes the value in the first two columns: `learnt`; `corrected`: learnt, then changed by a factor, filter
 or guidance; `rule`: a rule with published rates; `construction`: any weights give it. Only what is learnt says how good
