@@ -132,14 +132,13 @@ Each value with its interval over sounds; bold: worse than the truth for the sam
 class Results:
     """What earlier stages wrote, by row; `counts` are those of codes, by tokenizer.
 
-    `eyes` are the rows of more than a face. `tied` is the information of rows whose motion follows its own sound.
+    `eyes` are the rows of more than a face.
     """
 
     rows: dict[str, MethodMetrics]
     eyes: dict[str, MethodMetrics]
     benchmarks: dict[str, list[MetricResult]]
     informed: dict[str, Any]
-    tied: dict[str, Any]
     aversions: dict[str, Any]
     on_val: dict[str, dict[str, float]]
     counts: dict[str, Float[ndarray, " K"]]
@@ -167,7 +166,6 @@ class Results:
             eyes=eyes,
             benchmarks=benchmarks,
             informed=informed,
-            tied={name: row for name, row in informed.items() if _uses_sound(row)},
             aversions=aversions,
             on_val={name: found for name, found in on_val.items() if found},
             counts=counts,
@@ -212,13 +210,12 @@ def _write_tables(folder: Path, results: Results) -> None:
     (folder / "table3.csv").write_text(to_csv(results.eyes))
     (folder / "table3.md").write_text(_page(results))
     (folder / "face.md").write_text(FACES + face_markdown(results.rows))
-    summary = report_summary(
-        results.rows, results.tied, results.aversions, results.required, results.upstream, "data/report"
-    )
+    tied = {name: row for name, row in results.informed.items() if _uses_sound(row)}
+    summary = report_summary(results.rows, tied, results.aversions, results.required, results.upstream, "data/report")
     (folder / "summary.txt").write_text(summary)
     (folder / "rows").mkdir()
     for name, row in results.rows.items():
-        figures = row_metrics(row, results.tied.get(name), results.aversions.get(name), results.required.get(name, ()))
+        figures = row_metrics(row, tied.get(name), results.aversions.get(name), results.required.get(name, ()))
         (folder / "rows" / f"{name}.json").write_text(json.dumps(figures, indent=1) + "\n")
 
 

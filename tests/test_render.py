@@ -71,8 +71,14 @@ def test_a_camera_inside_the_head_is_refused() -> None:
 
 
 def test_equal_frames_give_equal_films(tmp_path: Path) -> None:
-    frames = [np.asarray(frame) for frame in np.random.default_rng(0).integers(0, 256, (30, 48, 48, 3), np.uint8)]
-    sound = np.sin(np.arange(SAMPLE_RATE, dtype=np.float32))
+    """Of moving gradients: without the option of the encoder, each of them is another film."""
+    y, x = np.mgrid[:160, :160]
+    frames = []
+    for time in range(75):
+        waves = np.sin((x + 3 * time) / 17) * np.cos((y - 2 * time) / 23)
+        rings = np.cos(np.hypot(x - 80 - 20 * np.sin(time / 5), y - 80) / 9)
+        frames.append((127 + 100 * np.stack([waves, rings, (waves + rings) / 2], axis=-1)).astype(np.uint8))
+    sound = np.sin(np.arange(3 * SAMPLE_RATE, dtype=np.float32) / 20)
     contents = set()
     for number in range(4):
         write_video(tmp_path / f"{number}.mp4", frames, 25.0, sound)
