@@ -17,9 +17,9 @@ SETTINGS = {
 }  # fmt: skip
 
 
-def head(prior: str, temperature: float = 1.0) -> CausalVAEHead:
+def head(prior: str, temperature: float = 1.0, gain: float = 1.5) -> CausalVAEHead:
     torch.manual_seed(0)
-    settings = SETTINGS | {"prior": prior, "temperature": temperature}
+    settings = SETTINGS | {"prior": prior, "temperature": temperature, "gain": gain}
     made = CausalVAEHead(CausalVAEHeadSettings.model_validate(settings), SPEECH).eval()
     if made.prior:
         torch.nn.init.normal_(made.prior.moments.weight)
@@ -67,6 +67,15 @@ def test_samples_differ_less_at_a_lower_temperature(prior: str) -> None:
     same = speech()[:1].expand(40, -1, -1)
     spread = [head(prior, temperature).sample(same, list(range(40))).std(dim=0).mean() for temperature in (1.0, 0.5)]
     assert 0.3 < spread[1] / spread[0] < 0.7
+
+
+@torch.no_grad()
+def test_gain_scales_what_samples_deviate_from_the_mean_pose() -> None:
+    heads = [head("standard", gain=gain) for gain in (1.0, 1.5)]
+    for each in heads:
+        each.normal.set(torch.tensor([0.1, 0.2, 0.3]), 0.05)
+    one, other = (each.sample(speech(), [3, 4]) - each.normal.mean for each in heads)
+    torch.testing.assert_close(other, 1.5 * one, atol=1e-6, rtol=1e-5)
 
 
 @torch.no_grad()

@@ -36,6 +36,8 @@ class CausalVAEHeadSettings(VAESettings, ComponentSettings):
     prior: Literal["standard", "conditional"]
     # Factor on the standard deviation of sampled codes.
     temperature: Annotated[float, Field(gt=0, le=1)]
+    # Factor on the deviation of sampled heads from the mean pose, which the means of a VAE are drawn to.
+    gain: Annotated[float, Field(gt=0)]
 
 
 @dataclass
@@ -109,7 +111,10 @@ class CausalVAEHead(nn.Module):
     def __init__(self, settings: CausalVAEHeadSettings, speech: int) -> None:
         super().__init__()
         self.settings = settings
-        size = settings.model_dump(exclude={"prior", "temperature"}) | {"kind": "vae", "norm": "standardised_mean"}
+        size = settings.model_dump(exclude={"prior", "temperature", "gain"}) | {
+            "kind": "vae",
+            "norm": "standardised_mean",
+        }
         self.vae_head = VAEHead(VAEHeadSettings.model_validate(size), speech)
         vae = self.vae_head.vae
         vae.decoder = CausalConvolutionStack(
@@ -132,7 +137,11 @@ class CausalVAEHead(nn.Module):
         features = self.prior.stack(speech).cpu() if self.prior else None
         codes = self.interpolate_latents(_LatentState.of(seeds), speech.shape[1], features)
         decoder_input = torch.cat([codes.to(speech), speech], dim=-1)
-        return self.normal.denormalise(self.vae_head.vae.out(self.decoder(decoder_input)))
+        return self.decoded_head(self.decoder(decoder_input))
+
+    def decoded_head(self, features: Float[Tensor, "B T W"]) -> Float[Tensor, "B T 3"]:
+        """Head rotation vectors of features of the decoder."""
+        return self.normal.denormalise(self.settings.gain * self.vae_head.vae.out(features))
 
     def stream(self, seed: int) -> HeadStream:
         """A stream that yields the result of `sample` part by part."""
@@ -199,4 +208,4 @@ class HeadStream:
         features = torch.from_numpy(self._prior.step(speech[0].numpy()))[None] if self._prior else None
         codes = self._head.interpolate_latents(self._codes, speech.shape[1], features)
         decoded = torch.from_numpy(self._decoder.step(torch.cat([codes, speech], dim=-1)[0].numpy()))[None]
-        return self._head.normal.denormalise(self._head.vae_head.vae.out(decoded))
+        return self._head.decoded_head(decoded)
