@@ -327,6 +327,16 @@ def test_command_shows_the_baselines_first_and_writes_json(corpus, table, tmp_pa
         evaluate_people(corpus / "truth", table, tmp_path / "out", reference=corpus, n_resamples=20)
 
 
+def test_other_motions_are_rows_beside_the_same_baselines(corpus, table):
+    alone = evaluate_people(corpus / "truth", table, reference=corpus, n_resamples=20)
+    both = evaluate_people(
+        corpus / "truth", table, reference=corpus, n_resamples=20, others={"again": corpus / "truth"}
+    )
+    for state in STATES:
+        rows = both.content["states"][state]["rows"]
+        assert rows == alone.content["states"][state]["rows"] | {"again": rows["motions"]}
+
+
 def test_two_sample_test_without_scikit_learn_is_a_note(corpus, table, monkeypatch):
     monkeypatch.setitem(sys.modules, "sklearn.ensemble", None)
     monkeypatch.setattr("talkingeyes.evaluation.people.two_sample.MIN_SEQUENCES", 4)

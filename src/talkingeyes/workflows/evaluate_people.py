@@ -63,26 +63,31 @@ def evaluate_people(
     n_resamples: int = 1000,
     seed: int = 0,
     force: bool = False,
+    others: Mapping[str, Path] | None = None,
 ) -> PeopleResult:
     """Compare the motion files of a folder with recorded people.
 
     `reference`: a corpus whose clips the files are named after. `sound`: a folder of sounds named as the files. One of
-    them is needed. Raises InputError (one line) for invalid folders, files or numbers.
+    them is needed. `others`: more folders of motions, each a row of its name beside the same baselines. Raises
+    InputError (one line) for invalid folders, files or numbers.
     """
+    folders = [Path(motions), *(others or {}).values()]
     if n_resamples < 20 or seed < 0:
         raise InputError(f"n_resamples and seed: should be at least 20 and 0, got {n_resamples} and {seed}")
     if reference is None and sound is None:
         raise InputError("--people: needs the sounds of the motions; give --reference CORPUS or --sound DIR")
-    for folder in (motions, *([sound] if sound else [])):
-        if not Path(folder).is_dir():
+    for folder in (*folders, *([Path(sound)] if sound else [])):
+        if not folder.is_dir():
             raise InputError(f"{folder}: should be a folder, got none")
     output_path = None if out is None else output_folder.output_path(Path(out), OUTPUT_FILES, force)
     recorded = read_people(Path(people))
     corpus = None if reference is None else Corpus(Path(reference))
-    files = motion_files(Path(motions))
     notes: list[str] = []
-    sounds = _sounds(files, corpus, None if sound is None else Path(sound), notes)
-    clips = read_rows(sounds, corpus, seed, notes)
+    own, *further = [
+        _sounds(motion_files(folder), corpus, None if sound is None else Path(sound), notes) for folder in folders
+    ]
+    clips = _baseline_rows(own, corpus, seed, notes) | {MOTIONS: _motion_row(own, corpus, notes)}
+    clips |= {name: _motion_row(each, corpus, notes) for name, each in zip(others or {}, further, strict=True)}
     settings = BootstrapSettings(n_resamples=n_resamples, confidence_level=CONFIDENCE_LEVEL, seed=seed)
     rng = np.random.default_rng(seed)
     rows = {RERECORDED: [record_again(person, TRACKER, rng) for person in recorded]}
@@ -114,21 +119,26 @@ def _sounds(
     return usable
 
 
-def read_rows(
+def _motion_row(sounds: Sequence[EvaluatedSound], corpus: Corpus | None, notes: list[str]) -> Clips:
+    """Clips of motion files by speaker. Raises InputError if there is none."""
+    row: dict[str, list[GazeClip]] = defaultdict(list)
+    for each in sounds:
+        row[_speaker(each)] += _clips(each.files, _annotation(each, corpus), notes)
+    if not any(row.values()):
+        raise InputError(f"the motions should hold gaze and head, got none ({notes[0] if notes else 'no file'})")
+    return row
+
+
+def _baseline_rows(
     sounds: Sequence[EvaluatedSound], corpus: Corpus | None, seed: int, notes: list[str]
-) -> dict[str, dict[str, list[GazeClip]]]:
-    """Clips of all rows by speaker: the baselines, then the motions."""
-    rows: dict[str, dict[str, list[GazeClip]]] = {}
-    for name in (UNIFORM, RANDOM, TRUTH, MOTIONS):
-        rows[name] = defaultdict(list)
+) -> dict[str, Clips]:
+    """Clips of the baselines by speaker, as many as of the motions of the sounds."""
+    rows: dict[str, dict[str, list[GazeClip]]] = {name: defaultdict(list) for name in (UNIFORM, RANDOM, TRUTH)}
     bank = [] if corpus is None or not corpus.has_truth else corpus.select("train", take=0)
     rng = np.random.default_rng(seed)
     for each in sounds:
-        annotation = corpus.annotation(each.takes[0]) if corpus and each.takes else annotate_sound(each.sound)
-        assert annotation is not None
-        speaker = each.takes[0].speaker if each.takes else ANY_SPEAKER
-        clips = list(_clips(each.files, annotation, notes))
-        rows[MOTIONS][speaker] += clips
+        annotation, speaker = _annotation(each, corpus), _speaker(each)
+        clips = list(_clips(each.files, annotation, []))
         for clip in clips:
             gaze = uniform_gaze_deg(len(clip.state), clip.fps, rng)
             rows[UNIFORM][speaker].append(GazeClip(clip.fps, gaze, clip.state, np.zeros(len(gaze), bool)))
@@ -137,9 +147,17 @@ def read_rows(
             others = [clip for clip in bank if clip.sound != each.name]
             chosen = [others[index] for index in rng.integers(len(others), size=len(clips))] if others else []
             rows[RANDOM][speaker] += _clips(_true_files(corpus, chosen), annotation, notes)
-    if not any(rows[MOTIONS].values()):
-        raise InputError(f"the motions should hold gaze and head, got none ({notes[0] if notes else 'no file'})")
-    return {name: dict(speakers) for name, speakers in rows.items() if any(speakers.values())}
+    return {name: speakers for name, speakers in rows.items() if any(speakers.values())}
+
+
+def _annotation(sound: EvaluatedSound, corpus: Corpus | None) -> Annotation:
+    found = corpus.annotation(sound.takes[0]) if corpus and sound.takes else annotate_sound(sound.sound)
+    assert found is not None
+    return found
+
+
+def _speaker(sound: EvaluatedSound) -> str:
+    return sound.takes[0].speaker if sound.takes else ANY_SPEAKER
 
 
 def _true_files(corpus: Corpus, clips: Sequence[Clip]) -> list[Path]:
