@@ -176,5 +176,5 @@ def test_committed_baselines_fail_the_requirements_by_their_intervals(request):
     ours, margins = (sum(row["met"] for row in found[DEFAULT] if row["tie"] is ties) for ties in (True, False))
     for name in GENERATORS:
         assert sum(row["met"] for row in found[name] if row["tie"]) <= ours / 2
-        assert sum(row["met"] for row in found[name] if not row["tie"]) < margins / 2
+        assert sum(row["met"] for row in found[name] if not row["tie"]) <= margins / 2
         assert sum(row["missed_by_interval"] for row in found[name]) >= 8
