@@ -69,11 +69,9 @@ SHOWN = (DEFAULT, *COMPARED)
 
 PAGE = """# Baselines that the field ships
 
-    python -m pipelines.field_baselines
-
 Programs that drive avatars today leave the eyes idle, random, replayed or rule-based. Four such ways are measured like
 models: with the [gaze benchmark](benchmark.md), the requirements of the report, and the distance to
-[recorded people](people.md). The command writes this page after `make repro`.
+[recorded people](people.md). This page is written by `python -m pipelines.field_baselines`, after `make repro`;
 [field_baselines.json](field_baselines.json) has all rows, metrics and intervals.
 
 ## The baselines
