@@ -53,6 +53,19 @@ class PeopleResult:
     notes: list[str]
 
 
+@dataclass(frozen=True)
+class _ReadSound:
+    """A sound, when its subject speaks, and the gaze of its motions."""
+
+    sound: EvaluatedSound
+    annotation: Annotation
+    clips: list[GazeClip]
+
+    @property
+    def speaker(self) -> str:
+        return self.sound.takes[0].speaker if self.sound.takes else ANY_SPEAKER
+
+
 def evaluate_people(
     motions: Path | str,
     people: Path | str,
@@ -84,10 +97,11 @@ def evaluate_people(
     corpus = None if reference is None else Corpus(Path(reference))
     notes: list[str] = []
     own, *further = [
-        _sounds(motion_files(folder), corpus, None if sound is None else Path(sound), notes) for folder in folders
+        _read(_sounds(motion_files(folder), corpus, None if sound is None else Path(sound), notes), corpus, notes)
+        for folder in folders
     ]
-    clips = _baseline_rows(own, corpus, seed, notes) | {MOTIONS: _motion_row(own, corpus, notes)}
-    clips |= {name: _motion_row(each, corpus, notes) for name, each in zip(others or {}, further, strict=True)}
+    clips = _baseline_rows(own, corpus, seed, notes) | {MOTIONS: _by_speaker(own)}
+    clips |= {name: _by_speaker(each) for name, each in zip(others or {}, further, strict=True)}
     settings = BootstrapSettings(n_resamples=n_resamples, confidence_level=CONFIDENCE_LEVEL, seed=seed)
     rng = np.random.default_rng(seed)
     rows = {RERECORDED: [record_again(person, TRACKER, rng) for person in recorded]}
@@ -119,45 +133,42 @@ def _sounds(
     return usable
 
 
-def _motion_row(sounds: Sequence[EvaluatedSound], corpus: Corpus | None, notes: list[str]) -> Clips:
-    """Clips of motion files by speaker. Raises InputError if there is none."""
+def _read(sounds: Sequence[EvaluatedSound], corpus: Corpus | None, notes: list[str]) -> list[_ReadSound]:
+    """The motions of all sounds. Raises InputError if there is none."""
+    found = []
+    for each in sounds:
+        annotation = corpus.annotation(each.takes[0]) if corpus and each.takes else annotate_sound(each.sound)
+        assert annotation is not None
+        found.append(_ReadSound(each, annotation, list(_clips(each.files, annotation, notes))))
+    if not any(each.clips for each in found):
+        raise InputError(f"the motions should hold gaze and head, got none ({notes[0] if notes else 'no file'})")
+    return found
+
+
+def _by_speaker(sounds: Sequence[_ReadSound]) -> Clips:
     row: dict[str, list[GazeClip]] = defaultdict(list)
     for each in sounds:
-        row[_speaker(each)] += _clips(each.files, _annotation(each, corpus), notes)
-    if not any(row.values()):
-        raise InputError(f"the motions should hold gaze and head, got none ({notes[0] if notes else 'no file'})")
+        row[each.speaker] += each.clips
     return row
 
 
 def _baseline_rows(
-    sounds: Sequence[EvaluatedSound], corpus: Corpus | None, seed: int, notes: list[str]
+    sounds: Sequence[_ReadSound], corpus: Corpus | None, seed: int, notes: list[str]
 ) -> dict[str, Clips]:
     """Clips of the baselines by speaker, as many as of the motions of the sounds."""
     rows: dict[str, dict[str, list[GazeClip]]] = {name: defaultdict(list) for name in (UNIFORM, RANDOM, TRUTH)}
     bank = [] if corpus is None or not corpus.has_truth else corpus.select("train", take=0)
     rng = np.random.default_rng(seed)
     for each in sounds:
-        annotation, speaker = _annotation(each, corpus), _speaker(each)
-        clips = list(_clips(each.files, annotation, []))
-        for clip in clips:
+        for clip in each.clips:
             gaze = uniform_gaze_deg(len(clip.state), clip.fps, rng)
-            rows[UNIFORM][speaker].append(GazeClip(clip.fps, gaze, clip.state, np.zeros(len(gaze), bool)))
+            rows[UNIFORM][each.speaker].append(GazeClip(clip.fps, gaze, clip.state, np.zeros(len(gaze), bool)))
         if corpus is not None and corpus.has_truth:
-            rows[TRUTH][speaker] += _clips(_true_files(corpus, each.takes), annotation, notes)
-            others = [clip for clip in bank if clip.sound != each.name]
-            chosen = [others[index] for index in rng.integers(len(others), size=len(clips))] if others else []
-            rows[RANDOM][speaker] += _clips(_true_files(corpus, chosen), annotation, notes)
+            rows[TRUTH][each.speaker] += _clips(_true_files(corpus, each.sound.takes), each.annotation, notes)
+            others = [clip for clip in bank if clip.sound != each.sound.name]
+            chosen = [others[index] for index in rng.integers(len(others), size=len(each.clips))] if others else []
+            rows[RANDOM][each.speaker] += _clips(_true_files(corpus, chosen), each.annotation, notes)
     return {name: speakers for name, speakers in rows.items() if any(speakers.values())}
-
-
-def _annotation(sound: EvaluatedSound, corpus: Corpus | None) -> Annotation:
-    found = corpus.annotation(sound.takes[0]) if corpus and sound.takes else annotate_sound(sound.sound)
-    assert found is not None
-    return found
-
-
-def _speaker(sound: EvaluatedSound) -> str:
-    return sound.takes[0].speaker if sound.takes else ANY_SPEAKER
 
 
 def _true_files(corpus: Corpus, clips: Sequence[Clip]) -> list[Path]:
