@@ -94,7 +94,8 @@ its sound, at several times the speed of a head. Random, Similar Sample and Untr
 For each metric, the distance to the truth of the default (`{default}`) and of a baseline, on the {sounds} sounds of
 test and unseen. A row is *nearer* if its interval (95 %, over sounds) lies wholly below that of the other. Metrics that
 are better when higher or lower are compared by their values. *Default only*: the baseline has too few events. Random
-and Similar Sample are true motion, so only metrics that compare motion with its sound can tell them from the truth.
+and Similar Sample are fitted motion of training clips: only metrics that compare motion with its sound set them apart
+from fitted motion.
 
 {counts}
 

@@ -107,7 +107,7 @@ of a row. The gaze process of `talkingeyes_events` itself: `python -m benchmarks
 ## Limits
 
 - The people sit before a screen in a remote call: looks around the room are mostly lost. The corpus of this page is
-  `face_to_face`; the default trained on `synthesize.population=remote_call` has mean ratios of 0.38 and 0.98
+  `face_to_face`; trained on `synthesize.population=remote_call`, the default is nearer to them
   ([log](log/2026-11-27-remote-call-model.md)).
 - The recordings leave out the first and the last three seconds of each turn, so looking away when a turn starts is not
   in them.

@@ -81,8 +81,8 @@ def evaluate_people(
     """Compare the motion files of a folder with recorded people.
 
     `reference`: a corpus whose clips the files are named after. `sound`: a folder of sounds named as the files. One of
-    them is needed. `others`: more folders of motions, each a row of its name beside the same baselines. Raises
-    InputError (one line) for invalid folders, files or numbers.
+    them is needed. `others`: more folders of motions, each a row of its name beside the same baselines (a baseline of
+    the same name is replaced). Raises InputError (one line) for invalid folders, files or numbers.
     """
     folders = [Path(motions), *(others or {}).values()]
     if n_resamples < 20 or seed < 0:
