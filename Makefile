@@ -117,7 +117,9 @@ release-models: setup  ## Train the packaged models on 20 hours of seven languag
 	$(RELEASE) target=information@talkingeyes_live workspace=build/release/live & live=$$!; \
 		$(RELEASE) target=information@talkingeyes_events; failed=$$?; wait $$live && exit $$failed
 	for target in information@talkingeyes_live train@probtalk3d; do $(RELEASE) target=$$target || exit $$?; done
+	$(RELEASE) synthesize.population=remote_call workspace=build/release/remote_call target=train@talkingeyes_events
 	$(MAKE) --no-print-directory packaged-models models=build/release/data/train
+	$(BIN)/talkingeyes pack build/release/remote_call/data/train/talkingeyes_events -o src/talkingeyes/animation/assets/talkingeyes_remote_call.safetensors --no-face --half-precision --force
 
 release-report: setup  ## After make repro: measure the packaged models on a sealed corpus; appends to docs/releases.md
 	$(BIN)/python -m pipelines.release_report

@@ -3,18 +3,20 @@
 Run     make release-report        (python -m pipelines.release_report), after make repro
 Reads   the packaged models; of the default chain in data/: baselines, critics, and real motion of the train split, to
         which hazards of gaze aversion and the classifier of emotions are fitted
-Writes  build/sealed/N: a corpus of 300 sounds of 50 people; docs/releases.md
+Writes  build/sealed/N: a corpus of 300 sounds of 50 people; build/sealed/N-remote_call: the same sounds, with the gaze
+        of people in remote calls; docs/releases.md
 
-Every other stage refuses this corpus (`Workspace.corpus`), and each report has a corpus that no report before it read,
-so that nothing is chosen by its figures.
+Every other stage refuses these corpora (`Workspace.corpus`), and each report has a corpus that no report before it
+read, so that nothing is chosen by its figures.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import date
 from functools import partial
 from itertools import compress
@@ -26,7 +28,13 @@ from pipelines import embed, evaluate, fit, sample, synthesize
 from pipelines.evaluate_face import FaceInputPaths, measure_faces
 from pipelines.report import aversion_table
 from talkingeyes.animation.face import find_face_model
-from talkingeyes.animation.model_file import ASSETS, PACKAGED_LIVE_MODEL, PACKAGED_MODEL, open_model
+from talkingeyes.animation.model_file import (
+    PACKAGED_LIVE_MODEL,
+    PACKAGED_MODEL,
+    PACKAGED_MODELS,
+    PACKAGED_REMOTE_CALL_MODEL,
+    open_model,
+)
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
@@ -51,7 +59,8 @@ from talkingeyes.orchestration.run import SEAL, Workspace, parallel_map, run_com
 CHAIN, SEALED, PAGE = Path("data"), Path("build/sealed"), Path("docs/releases.md")
 REFERENCES = ("truth", "fitted", "mismatched")
 BASELINES = ("random", "similar", "untrained")
-MODELS = {"talkingeyes_events": PACKAGED_MODEL, "talkingeyes_live": PACKAGED_LIVE_MODEL}
+DEFAULT = "talkingeyes_events"
+MODELS = {DEFAULT: PACKAGED_MODEL, "talkingeyes_live": PACKAGED_LIVE_MODEL}
 FACE_COLUMNS = (
     Column("emotion recognised", "emotion_accuracy", 2),
     Column("lips closed", "bilabials_closed", 2),
@@ -66,52 +75,69 @@ def run() -> None:
     for name in BASELINES:
         if not (CHAIN / "train" / name).is_dir():
             raise InputError(f"{CHAIN}/train: should hold {name}, got none; `make repro` makes it")
-    workspace = _sealed_workspace()
+    baselines = {name: CHAIN / "train" / name for name in BASELINES}
     with ExitStack() as stack:
-        for name in BASELINES:
-            _link(workspace.data("train", name), CHAIN / "train" / name)
-        for name, path in MODELS.items():
-            _link(workspace.data("train", name), stack.enter_context(open_model(path)))
-        face = find_face_model(workspace.data("train", next(iter(MODELS))).resolve())
+        models = {name: stack.enter_context(open_model(path)) for name, path in MODELS.items()}
+        face = find_face_model(models[DEFAULT])
         assert face is not None
-        _link(workspace.data("train", face.name), face)
-        for name in (*BASELINES, *MODELS, face.name):
-            sample.run(workspace, name)
-    rows = {}
-    for name in (*REFERENCES, *BASELINES, *MODELS):
-        evaluate.run(workspace, name, training=Workspace.open(Path.cwd()))
-        rows[name] = json.loads(workspace.data("evaluate", name, "metrics.json").read_text())
-    benchmarks = {
-        name: from_json(json.loads(workspace.data("evaluate", name, "benchmark.json").read_text())) for name in rows
-    }
-    languages = _language_table(workspace)
-    aversions = {name: json.loads(workspace.data("evaluate", name, "aversion.json").read_text()) for name in rows}
-    required = {
-        name: [
-            each for each in model_requirements(rows, benchmarks, aversions, name) if not each.name.startswith("test:")
-        ]
-        for name in rows
-    }
-    timing = {name: [each for each in found if each.metric.extractor is CURVES] for name, found in benchmarks.items()}
-    section = _section(
-        workspace.corpus,
-        aversion_table(aversions),
-        benchmark_markdown(timing, TITLES),
-        languages,
-        _face_table(workspace, Workspace.open(Path.cwd()), face.name),
-        model_requirements_table(required),
-    )
+        workspace = _sealed_workspace()
+        measured = _measure(workspace, baselines | models, face)
+        of_calls = {
+            "untrained": baselines["untrained"],
+            DEFAULT: stack.enter_context(open_model(PACKAGED_REMOTE_CALL_MODEL)),
+        }
+        measured_calls = _measure(_sealed_workspace("remote_call"), of_calls)
+    languages, faces = _language_table(workspace), _face_table(workspace, Workspace.open(Path.cwd()), face.name)
+    section = _section(workspace.corpus, measured, languages, faces, measured_calls)
     with atomic_write(PAGE) as path:
         path.write_text(PAGE.read_text() + section)
     print(section)
 
 
-def _sealed_workspace() -> Workspace:
-    """The sealed corpus with its fitted motion and features, and the critics of the chain. All of it is unseen."""
+@dataclass(frozen=True)
+class Measured:
+    """Tables of one sealed corpus, a column for each row of REFERENCES, baselines and models."""
+
+    aversion: str
+    timing: str
+    requirements: str
+
+
+def _measure(workspace: Workspace, models: Mapping[str, Path], face: Path | None = None) -> Measured:
+    """Sample and evaluate models (their folders, by name) beside the references; `face` is sampled alone."""
+    for name, folder in (*models.items(), *([(face.name, face)] if face else [])):
+        _link(workspace.data("train", name), folder)
+    for name in (*models, *([face.name] if face else [])):
+        sample.run(workspace, name)
+    names = (*REFERENCES, *models)
+    for name in names:
+        evaluate.run(workspace, name, training=Workspace.open(Path.cwd()))
+    rows, stored, aversions = (
+        {name: json.loads(workspace.data("evaluate", name, file).read_text()) for name in names}
+        for file in ("metrics.json", "benchmark.json", "aversion.json")
+    )
+    benchmarks = {name: from_json(each) for name, each in stored.items()}
+    required = {
+        name: [
+            each for each in model_requirements(rows, benchmarks, aversions, name) if not each.name.startswith("test:")
+        ]
+        for name in names
+    }
+    timing = {name: [each for each in found if each.metric.extractor is CURVES] for name, found in benchmarks.items()}
+    return Measured(aversion_table(aversions), benchmark_markdown(timing, TITLES), model_requirements_table(required))
+
+
+def _sealed_workspace(population: str | None = None) -> Workspace:
+    """The sealed corpus with its fitted motion and features, and the critics of the chain. All of it is unseen.
+
+    `population`: that of its gaze; by default the chain's.
+    """
     number = PAGE.read_text().count("\n## ")  # of reports before this one
     params = compose(["experiment=sealed"])
     params["synthesize"]["seed"] += number
-    workspace = Workspace(SEALED / str(number), params)
+    if population is not None:
+        params["synthesize"]["population"] = population
+    workspace = Workspace(SEALED / (f"{number}-{population}" if population else str(number)), params)
     corpus = Corpus(workspace.data("synthesize"))
     seal = corpus.root / SEAL
     if not seal.exists():
@@ -140,7 +166,7 @@ def _language_table(workspace: Workspace) -> str:
     about averted gaze, beside what they tell about that of the truth."""
     data, settings = workspace.data, workspace.settings("validate", ValidateSettings)
     corpus = Corpus(workspace.corpus)
-    name, sounds = next(iter(MODELS)), _sounds(workspace)
+    name, sounds = DEFAULT, _sounds(workspace)
     critic = data("critic")
     paths = evaluate.InputPaths(
         name, workspace.corpus, data("fit"), data("embed"), critic, data("sample", name), benchmark_samples=1
@@ -203,11 +229,10 @@ def _face_cell(model: Estimate, fitted: Estimate, column: Column) -> str:
     return f"{value} ({low} to {high}) / {target}"
 
 
-def _section(corpus: Path, averted: str, timing: str, languages: str, faces: str, requirements: str) -> str:
+def _section(corpus: Path, measured: Measured, languages: str, faces: str, calls: Measured) -> str:
     files = "\n".join(
         f"- `{path.name}`: sha256 `{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}`"
-        for path in sorted(ASSETS.iterdir())
-        if path.suffix == ".safetensors"
+        for path in PACKAGED_MODELS.values()
     )
     index = hashlib.sha256((corpus / "clips.parquet").read_bytes()).hexdigest()[:16]
     return f"""
@@ -221,15 +246,15 @@ Sealed corpus: sha256 of its index `{index}`.
 
 ### Information of speech about averted gaze, nats per second
 
-{averted}
+{measured.aversion}
 
 ### Averted gaze around events of speech
 
 Each value with its interval over sounds; bold: worse than the truth for the same sounds by more than the interval.
 
-{timing}
+{measured.timing}
 
-### `talkingeyes_events` by language
+### `{DEFAULT}` by language
 
 Corr. under a sound's own samples less that under other sounds of the speaker; information of speech about averted gaze,
 nats per second, by a regression fitted to all languages.
@@ -245,7 +270,22 @@ docs/face_table.md, another corpus, faces of other clips close 0.36 of the lips.
 
 ### Requirements
 
-{requirements}
+{measured.requirements}
+
+### Remote calls: information of speech about averted gaze
+
+The same sounds with gaze of the population `remote_call`; in the default's place is
+`{PACKAGED_REMOTE_CALL_MODEL.stem}`.
+
+{calls.aversion}
+
+### Remote calls: averted gaze around events of speech
+
+{calls.timing}
+
+### Remote calls: requirements
+
+{calls.requirements}
 """
 
 

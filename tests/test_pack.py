@@ -21,6 +21,8 @@ from talkingeyes.animation.model_file import (
     METADATA_KEY,
     PACKAGED_LIVE_MODEL,
     PACKAGED_MODEL,
+    PACKAGED_MODELS,
+    PACKAGED_REMOTE_CALL_MODEL,
     SCHEMA,
     find_model,
     open_model,
@@ -134,16 +136,22 @@ def test_the_default_is_the_model_of_the_workspace_then_the_packaged_one(
     monkeypatch.chdir(tmp_path)
     assert find_model("some/model") == Path("some/model")
     assert find_model(None) == PACKAGED_MODEL
+    assert find_model(Path("talkingeyes_remote_call")) == PACKAGED_REMOTE_CALL_MODEL
+    (tmp_path / "talkingeyes_remote_call").mkdir()
+    assert find_model("talkingeyes_remote_call") == Path("talkingeyes_remote_call"), "a folder of that name goes first"
     (tmp_path / "data" / "train" / "talkingeyes_events").mkdir(parents=True)
     assert find_model(None) == Path("data/train/talkingeyes_events")
 
 
 def test_the_packaged_models_are_small_and_complete() -> None:
-    assert PACKAGED_MODEL.stat().st_size + PACKAGED_LIVE_MODEL.stat().st_size < 8e6
+    assert sum(each.stat().st_size for each in PACKAGED_MODELS.values()) < 9e6
     animator = Animator.load(PACKAGED_MODEL)
     assert animator.face is not None
     assert animator.persons
     assert LiveModel.load(PACKAGED_LIVE_MODEL).latency_s < 0.25
+    remote = Animator.load(PACKAGED_REMOTE_CALL_MODEL)
+    assert remote.face is not None, "it has the face of the default"
+    assert remote.persons
 
 
 def interpreter(version: str) -> str | None:

@@ -21,7 +21,7 @@ from pipelines import (
     tables,
 )
 from pipelines.result_tables import ResultTable, as_csv, read_tables
-from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL, PACKAGED_MODEL
+from talkingeyes.animation.model_file import PACKAGED_MODELS
 from talkingeyes.evaluation.benchmark.rank_agreement import RankAgreement
 from talkingeyes.evaluation.reference_ranges.page import PLOT_CAPTIONS, RECORDING_TITLES, label, range_text
 from talkingeyes.evaluation.reference_ranges.ranges import REFERENCE_RANGES
@@ -182,7 +182,7 @@ def test_page_of_sensitivity() -> None:
 
 def test_the_packaged_models_are_those_of_the_newest_release_report() -> None:
     newest = page("releases").rpartition("\n## ")[2]
-    for path in (PACKAGED_MODEL, PACKAGED_LIVE_MODEL):
+    for path in PACKAGED_MODELS.values():
         digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
         assert f"- `{path.name}`: sha256 `{digest}`" in newest
 

@@ -35,8 +35,12 @@ METADATA_KEY = "talkingeyes"
 ALLOW_PLUGINS = "TALKINGEYES_ALLOW_PLUGINS"
 WORKSPACE_MODEL = Path("data", "train", "talkingeyes_events")
 ASSETS = Path(__file__).parent / "assets"
-PACKAGED_MODEL, PACKAGED_LIVE_MODEL = ASSETS / "talkingeyes.safetensors", ASSETS / "talkingeyes_live.safetensors"
 SUFFIX = ".safetensors"
+PACKAGED_MODEL = ASSETS / f"talkingeyes{SUFFIX}"
+PACKAGED_LIVE_MODEL = ASSETS / f"talkingeyes_live{SUFFIX}"
+# Trained on gaze of people in remote calls; its face is that of PACKAGED_MODEL.
+PACKAGED_REMOTE_CALL_MODEL = ASSETS / f"talkingeyes_remote_call{SUFFIX}"
+PACKAGED_MODELS = {each.stem: each for each in (PACKAGED_MODEL, PACKAGED_LIVE_MODEL, PACKAGED_REMOTE_CALL_MODEL)}
 MEMBER_PATTERN = re.compile(r"\w[\w.-]*/\w[\w.-]*")  # FOLDER/FILE: no path outside the folder it is unpacked to
 
 
@@ -50,15 +54,19 @@ class PackedMetadata:
 
 
 def find_model(model: Path | str | None) -> Path:
-    """The given model, else the trained one of the workspace, else the one that this package contains."""
+    """The given model (a path, else the name of a packaged one), else the trained one of the workspace, else the
+    packaged default."""
     if model is not None:
-        return Path(model)
+        path = Path(model)
+        return path if path.exists() else PACKAGED_MODELS.get(str(model), path)
     return WORKSPACE_MODEL if WORKSPACE_MODEL.is_dir() else PACKAGED_MODEL
 
 
 def model_title(model: Path) -> str:
     """How to name a model to a user: its path, or that it is the packaged one."""
-    return "the packaged model" if model == PACKAGED_MODEL else str(model)
+    if model == PACKAGED_MODEL:
+        return "the packaged model"
+    return f"the packaged {model.stem}" if model in PACKAGED_MODELS.values() else str(model)
 
 
 @contextlib.contextmanager
@@ -71,7 +79,10 @@ def open_model(model: Path) -> Iterator[Path]:
         yield model
         return
     if not model.exists():
-        raise InputError(f"{model}: no trained model here; run `make repro` first, or name a folder of the train stage")
+        raise InputError(
+            f"{model}: no trained model here; run `make repro` first, or name a folder of the train stage or one of "
+            f"{', '.join(PACKAGED_MODELS)}"
+        )
     packed = read_packed_metadata(model)
     _check_content(model, packed)
     _check_encoder(model, packed.encoder)

@@ -27,7 +27,7 @@ Intensity = Annotated[int | None, typer.Option(help="Intensity of the emotion: 1
 ModelFile = Annotated[
     Path | None,
     typer.Option(
-        help="A model: a folder of the train stage or a file of `pack`. "
-        "Default: data/train/talkingeyes_events (of `make repro`), else the packaged one."
+        help="A model: a folder of the train stage, a file of `pack`, or talkingeyes_remote_call (packaged: gaze of "
+        "people in remote calls). Default: data/train/talkingeyes_events (of `make repro`), else the packaged one."
     ),
 ]
