@@ -65,7 +65,7 @@ demo:  ## Animate the packaged recording with the packaged model; opens build/de
 repro: params  ## Run the chain; only what changed runs again. Another corpus: make repro corpus=DIR (fit=video if tracked)
 	@test -z "$$($(BIN)/dvc status -q || echo changed)" || { \
 		$(BIN)/dvc repro fit embed && \
-		{ (export TALKINGEYES_PROGRESS=lines; \
+		{ (export TALKINGEYES_PROGRESS=lines TALKINGEYES_JOBS=1; \
 			row='$(BIN)/dvc --wait-for-lock repro -s'; \
 			$$row $(ONE_CORE) & one=$$!; $$row $(OTHER_CORE); wait $$one; \
 			$$row $(ONE_HALF) & one=$$!; $$row $(OTHER_HALF); wait $$one); \
@@ -117,7 +117,7 @@ release-models: setup  ## Train the packaged models on 20 hours of seven languag
 	$(RELEASE) target=information@talkingeyes_live workspace=build/release/live & live=$$!; \
 		$(RELEASE) target=information@talkingeyes_events; failed=$$?; wait $$live && exit $$failed
 	for target in information@talkingeyes_live train@probtalk3d; do $(RELEASE) target=$$target || exit $$?; done
-	$(RELEASE) synthesize.population=remote_call workspace=build/release/remote_call target=train@talkingeyes_events
+	$(RELEASE:release_models=release_remote_call) target=train@talkingeyes_events
 	$(MAKE) --no-print-directory packaged-models models=build/release/data/train
 	$(BIN)/talkingeyes pack build/release/remote_call/data/train/talkingeyes_events -o src/talkingeyes/animation/assets/talkingeyes_remote_call.safetensors --no-face --half-precision --force
 

@@ -41,6 +41,16 @@ def test_only_the_report_of_a_release_reads_a_sealed_corpus(tmp_path):
     assert Workspace(tmp_path, {"corpus": "."}, may_read_sealed=True).corpus == tmp_path
 
 
+def test_the_environment_sets_the_number_of_processes(tmp_path, monkeypatch):
+    workspace = Workspace(tmp_path, {"machine": {"jobs": 2}})
+    assert workspace.jobs == 2
+    monkeypatch.setenv("TALKINGEYES_JOBS", "1")
+    assert workspace.jobs == 1
+    monkeypatch.setenv("TALKINGEYES_JOBS", "0")
+    with pytest.raises(InputError, match="TALKINGEYES_JOBS: should be a number of processes, got '0'"):
+        _ = workspace.jobs
+
+
 def a_stage(workspace, name):
     return Report()
 

@@ -43,6 +43,9 @@ __all__ = [
 Stage = Callable[..., Report]
 
 CHECKSUMS_FILE = "SHA256SUMS"
+# `make repro` sets it to 1 where two rows of stages run side by side: workers of a row would wait for the other's core,
+# and each imports torch.
+JOBS_VARIABLE = "TALKINGEYES_JOBS"
 SEAL = "SEALED"  # file in a corpus that only the report of a release may read
 
 
@@ -94,8 +97,13 @@ class Workspace:
 
     @property
     def jobs(self) -> int:
-        """Number of processes of clip-parallel work."""
-        return int(self.params["machine"]["jobs"])
+        """Number of processes of clip-parallel work; TALKINGEYES_JOBS goes before machine.jobs."""
+        given = os.environ.get(JOBS_VARIABLE)
+        if given is None:
+            return int(self.params["machine"]["jobs"])
+        if not given.isdecimal() or int(given) < 1:
+            raise InputError(f"{JOBS_VARIABLE}: should be a number of processes, got {given!r}")
+        return int(given)
 
     def data(self, *parts: str) -> Path:
         """A path under data/."""
