@@ -108,7 +108,7 @@ of a row. The gaze process of `talkingeyes_events` itself: `python -m benchmarks
 
 - The people sit before a screen in a remote call: looks around the room are mostly lost. The corpus of this page is
   `face_to_face`. The packaged `talkingeyes_remote_call`, trained on `synthesize.population=remote_call`, is nearer to
-  them: mean and largest ratio 0.37 and 0.90 while speaking, 0.84 and 1.87 while listening; AUC 0.93 and 0.97
+  them: mean and largest ratio 0.37 and 0.84 while speaking, 0.85 and 1.56 while listening; AUC 0.93 and 0.96
   ([log](log/2026-11-27-remote-call-model.md)).
 - The recordings leave out the first and the last three seconds of each turn, so looking away when a turn starts is not
   in them.
