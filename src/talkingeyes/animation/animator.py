@@ -26,7 +26,7 @@ from talkingeyes.animation.face import FaceAnimator, find_face_model
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory
 from talkingeyes.animation.inference.loading import load_motion_generator
 from talkingeyes.animation.inference.motion import NumpyMotionGenerator
-from talkingeyes.animation.model_file import PACKAGED_MODEL, PACKAGED_REMOTE_CALL_MODEL, open_model
+from talkingeyes.animation.model_file import PACKAGED_MODEL, is_packaged, open_model
 from talkingeyes.animation.pipeline import animate_sample
 from talkingeyes.audio.annotation import Span
 from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
@@ -66,13 +66,13 @@ class Animator:
     def load(cls, model: Path, face: Path | None = None) -> Animator:
         """Load a folder of the train stage or a packed file. Raises InputError if it is missing or damaged.
 
-        `face` is the folder of a face model; by default the one beside the model, if there is one. Packaged models
-        share one face.
+        `face` is the folder of a face model; by default the one beside the model, if there is one (for a packaged
+        file, that of the packaged default).
         """
         with ExitStack() as stack:
             folder = stack.enter_context(open_model(model))
             face = face or find_face_model(folder)
-            if face is None and model.resolve() == PACKAGED_REMOTE_CALL_MODEL.resolve():
+            if face is None and is_packaged(model):
                 face = find_face_model(stack.enter_context(open_model(PACKAGED_MODEL)))
             return cls._of_folder(folder, face)
 

@@ -38,7 +38,7 @@ ASSETS = Path(__file__).parent / "assets"
 SUFFIX = ".safetensors"
 PACKAGED_MODEL = ASSETS / f"talkingeyes{SUFFIX}"
 PACKAGED_LIVE_MODEL = ASSETS / f"talkingeyes_live{SUFFIX}"
-# Trained on gaze of people in remote calls; its face is that of PACKAGED_MODEL.
+# Trained on gaze of people in remote calls.
 PACKAGED_REMOTE_CALL_MODEL = ASSETS / f"talkingeyes_remote_call{SUFFIX}"
 PACKAGED_MODELS = {each.stem: each for each in (PACKAGED_MODEL, PACKAGED_LIVE_MODEL, PACKAGED_REMOTE_CALL_MODEL)}
 MEMBER_PATTERN = re.compile(r"\w[\w.-]*/\w[\w.-]*")  # FOLDER/FILE: no path outside the folder it is unpacked to
@@ -62,11 +62,16 @@ def find_model(model: Path | str | None) -> Path:
     return WORKSPACE_MODEL if WORKSPACE_MODEL.is_dir() else PACKAGED_MODEL
 
 
+def is_packaged(model: Path) -> bool:
+    """Whether it is a file of this package; all of them have the face of PACKAGED_MODEL."""
+    return model.resolve() in {each.resolve() for each in PACKAGED_MODELS.values()}
+
+
 def model_title(model: Path) -> str:
     """How to name a model to a user: its path, or that it is the packaged one."""
     if model == PACKAGED_MODEL:
         return "the packaged model"
-    return f"the packaged {model.stem}" if model in PACKAGED_MODELS.values() else str(model)
+    return f"the packaged {model.stem}" if is_packaged(model) else str(model)
 
 
 @contextlib.contextmanager

@@ -23,7 +23,7 @@ from numpy import ndarray
 
 from talkingeyes.animation.controls import Controls
 from talkingeyes.animation.line_of_sight import check_forward_axis, to_forward_axes
-from talkingeyes.animation.model_file import find_model
+from talkingeyes.animation.model_file import PACKAGED_MODEL, find_model, is_packaged
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core import output_folder
 from talkingeyes.core.errors import InputError
@@ -249,11 +249,13 @@ def _digest_of(value: object) -> object:
 
 
 def _model_digest(model: Path) -> str:
-    """Digest of a packed file, or of the files of a model folder and of the face model beside it."""
+    """Digest of a packed file (with the one that a packaged file has its face from), or of the files of a model folder
+    and of the face model beside it."""
     from talkingeyes.animation.face import find_face_model
 
     if model.is_file():
-        return hashlib.sha256(model.read_bytes()).hexdigest()
+        files = [model, PACKAGED_MODEL] if is_packaged(model) and model.name != PACKAGED_MODEL.name else [model]
+        return hashlib.sha256(b"".join(each.read_bytes() for each in files)).hexdigest()
     digest = hashlib.sha256()
     for folder in filter(None, (model, find_face_model(model))):
         for path in sorted(each for each in folder.iterdir() if each.is_file()):

@@ -16,7 +16,7 @@ from typing import Any
 import soundfile
 
 from talkingeyes.animation.line_of_sight import to_forward_axes
-from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL, PACKAGED_MODELS, find_model
+from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL, find_model, is_packaged
 from talkingeyes.apps.service.animation_request import AnimationRequest, EyesRequest, Limits
 from talkingeyes.apps.viewer.local_server import LOCALHOST, serve
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
@@ -87,7 +87,7 @@ def run_service(
 
 def _default_live_model(model: Path) -> Path | None:
     """The live model beside a model, if there is one."""
-    beside = PACKAGED_LIVE_MODEL if model in PACKAGED_MODELS.values() else model.parent / LIVE_MODEL_NAME
+    beside = PACKAGED_LIVE_MODEL if is_packaged(model) else model.parent / LIVE_MODEL_NAME
     return beside if beside.exists() else None
 
 
