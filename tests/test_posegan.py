@@ -47,7 +47,7 @@ from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.sag import FaceSurface
 from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.models.head.discriminator import Discriminator, DiscriminatorContext, DiscriminatorSettings
-from talkingeyes.models.head.pose_generator import PoseInputs, TrainingWindows
+from talkingeyes.models.head.pose_generator import PoseInputs
 from talkingeyes.orchestration.config import compose
 from talkingeyes.training.checkpoint import load, save
 from talkingeyes.training.loop import AdversarialTask, LoopSettings, train
@@ -350,7 +350,7 @@ class TestSeams:
         monkeypatch.setattr("talkingeyes.evaluation.head_pose.evaluation.WINDOW_FRAMES", 64)
         network = task("head_random").module
         slow = 0.01 * torch.arange(64)[:, None].expand(64, 6)
-        network.head.set_training_windows(TrainingWindows(torch.stack([slow, slow]), torch.zeros(2, 2 * CHANNELS)))
+        network.head.set_training_windows(torch.stack([slow, slow]), torch.zeros(2, 2 * CHANNELS))
         speech = np.zeros((256, CHANNELS), np.float32)
         generated = network.sample(speech, [0], network.style_of("a"))[0] / network.scale.numpy()
         assert _reference_free_metrics(network, [generated])["seams"] == pytest.approx(63.0, rel=1e-3)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray
 from pydantic import Field
 
@@ -73,6 +73,14 @@ def mean_and_std(standardised: Float[ndarray, "T C"]) -> Float[ndarray, " D"]:
     return np.concatenate([standardised.mean(0), standardised.std(0)]).astype(np.float32)
 
 
+def nearest_sounds(
+    features: Float[ndarray, "M D"], standardised: Float[ndarray, "T C"], count: int
+) -> Int[ndarray, " N"]:
+    """Rows of `features` (`mean_and_std` of training sounds) nearest to a sound, the nearest first."""
+    distance = np.linalg.norm(features - mean_and_std(standardised), axis=1)
+    return np.argsort(distance, kind="stable")[:count]
+
+
 def sample_bank(
     settings: BaselineSettings, bank: MotionBank, embedding: Float[ndarray, "T C"], seeds: Sequence[int]
 ) -> Float[ndarray, "B T M"]:
@@ -93,8 +101,7 @@ def _sample_one(
     lengths = np.diff(bank.starts)
     candidates = np.flatnonzero(lengths >= min(frames, lengths.max()))
     if settings.kind == "similar":
-        distance = np.linalg.norm(bank.features[candidates] - mean_and_std(standardised), axis=1)
-        candidates = candidates[np.argsort(distance, kind="stable")[: settings.neighbours]]
+        candidates = candidates[nearest_sounds(bank.features[candidates], standardised, settings.neighbours)]
     clip = int(rng.choice(candidates))
     source = bank.motion[bank.starts[clip] : bank.starts[clip + 1]]
     if settings.kind == "random":

@@ -22,8 +22,9 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.poses import PoseRecording
 from talkingeyes.corpus.recordings import Normaliser
+from talkingeyes.models.baselines import mean_and_std
 from talkingeyes.models.head.discriminator import lagged_differences
-from talkingeyes.models.head.pose_generator import RetrievingPoseGenerator, TrainingWindows, mean_and_std
+from talkingeyes.models.head.pose_generator import RetrievingPoseGenerator
 from talkingeyes.models.layers.schedules import set_trained_steps
 from talkingeyes.models.speech_to_pose import START_POSES, PoseBatch, SpeechToPose, SpeechToPoseSettings
 from talkingeyes.training.loop import LoopSettings
@@ -151,15 +152,15 @@ class PoseTask:
             spread = np.linspace(0, len(own) - 1, START_POSES).astype(int)
             self.module.start_poses[index] = torch.from_numpy(own[spread])
         if isinstance(self.module.head, RetrievingPoseGenerator):
-            self.module.head.set_training_windows(self._training_windows(scale))
+            self.module.head.set_training_windows(*self._training_windows(scale))
 
-    def _training_windows(self, scale: Float[ndarray, " 6"]) -> TrainingWindows:
-        """Training windows with 50 % overlap, and statistics of their speech."""
+    def _training_windows(self, scale: Float[ndarray, " 6"]) -> tuple[Float[Tensor, "N L 6"], Float[Tensor, "N D"]]:
+        """Training windows with 50 % overlap, and the features of their speech."""
         length = self.settings.windows.frames
         sound, pose = [], []
         for each in self.train:
             for start in range(0, len(each) - length + 1, length // 2):
-                part = torch.from_numpy(each.speech[start : start + length])[None]
-                sound.append(mean_and_std(self.module.speech.standardise(part))[0])
+                part = self.module.speech.standardise(torch.from_numpy(each.speech[start : start + length])[None])[0]
+                sound.append(torch.from_numpy(mean_and_std(part.numpy())))
                 pose.append(torch.from_numpy(each.pose[start : start + length] / scale))
-        return TrainingWindows(torch.stack(pose), torch.stack(sound))
+        return torch.stack(pose), torch.stack(sound)

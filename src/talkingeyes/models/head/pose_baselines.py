@@ -12,7 +12,8 @@ from torch import Tensor, nn
 
 from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction, TrainingWindows, mean_and_std
+from talkingeyes.models.baselines import nearest_sounds
+from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction
 
 
 class PoseBaselineSettings(ComponentSettings):
@@ -43,18 +44,18 @@ class RandomPose(nn.Module):
     """Uniformly sampled sequences of the train split."""
 
     pose: Tensor
-    speech_statistics: Tensor
+    speech_features: Tensor
     settings_class = PoseBaselineSettings
     window = None
 
     def __init__(self, settings: PoseBaselineSettings, speech: int, embedding: int) -> None:
         super().__init__()
         self.register_buffer("pose", torch.zeros(0, 1, 6))
-        self.register_buffer("speech_statistics", torch.zeros(0, 2 * embedding))
+        self.register_buffer("speech_features", torch.zeros(0, 2 * embedding))
 
-    def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """Store the windows."""
-        self.pose, self.speech_statistics = training_windows.pose, training_windows.speech_statistics
+    def set_training_windows(self, pose: Float[Tensor, "N L 6"], speech_features: Float[Tensor, "N D"]) -> None:
+        """Store the windows and the means and deviations of their speech."""
+        self.pose, self.speech_features = pose, speech_features
 
     def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
         """Distances of random sequences from true poses; there are no parameters to train."""
@@ -77,16 +78,17 @@ class RandomPose(nn.Module):
 
     def _load_from_state_dict(self, state_dict: dict[str, Tensor], prefix: str, *others: object) -> None:
         """Resize the buffers first: the size of the stored windows is not part of the settings."""
-        for name in ("pose", "speech_statistics"):
+        for name in ("pose", "speech_features"):
             setattr(self, name, torch.empty_like(state_dict[prefix + name]))
         super()._load_from_state_dict(state_dict, prefix, *others)
 
 
 class SimilarPose(RandomPose):
-    """The sequence with the nearest speech by means and standard deviations of its features over the window."""
+    """The sequence with the nearest speech, by the features that Similar Sample of TalkingEyes compares."""
 
     def _select(self, standardised: Float[Tensor, "B T H"], generators: list[torch.Generator]) -> Int[Tensor, " B"]:
-        return torch.cdist(mean_and_std(standardised), self.speech_statistics).argmin(1)
+        features = self.speech_features.numpy(force=True)
+        return torch.tensor([nearest_sounds(features, each.numpy(force=True), 1)[0] for each in standardised])
 
 
 def _distances(generated: Float[Tensor, "B T 6"], pose: Float[Tensor, "B T 6"]) -> PosePrediction:

@@ -47,14 +47,6 @@ class PoseInputs:
 
 
 @dataclass(frozen=True)
-class TrainingWindows:
-    """Training windows for generators that retrieve them: poses, and statistics of their speech."""
-
-    pose: Float[Tensor, "N L 6"]
-    speech_statistics: Float[Tensor, "N D"]
-
-
-@dataclass(frozen=True)
 class PosePrediction:
     """Poses that the generator predicts from true poses and their speech, and its loss terms."""
 
@@ -84,11 +76,6 @@ class PoseGenerator(Protocol):
 class RetrievingPoseGenerator(Protocol):
     """Further member of a generator that retrieves windows of the train split."""
 
-    def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """Store the windows."""
+    def set_training_windows(self, pose: Float[Tensor, "N L 6"], speech_features: Float[Tensor, "N D"]) -> None:
+        """Store the windows and the means and deviations of their speech (`baselines.mean_and_std`)."""
         ...
-
-
-def mean_and_std(standardised: Float[Tensor, "B T H"]) -> Float[Tensor, "B D"]:
-    """Means and standard deviations of speech features, the descriptor that the nearest-neighbour baseline compares."""
-    return torch.cat([standardised.mean(1), standardised.std(1, correction=0)], dim=1)
