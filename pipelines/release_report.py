@@ -84,7 +84,7 @@ def run() -> None:
         measured = _measure(workspace, baselines | models, face)
         of_calls = {
             "untrained": baselines["untrained"],
-            DEFAULT: stack.enter_context(open_model(PACKAGED_REMOTE_CALL_MODEL)),
+            PACKAGED_REMOTE_CALL_MODEL.stem: stack.enter_context(open_model(PACKAGED_REMOTE_CALL_MODEL)),
         }
         measured_calls = _measure(_sealed_workspace("remote_call"), of_calls)
     languages, faces = _language_table(workspace), _face_table(workspace, Workspace.open(Path.cwd()), face.name)
@@ -274,8 +274,7 @@ docs/face_table.md, another corpus, faces of other clips close 0.36 of the lips.
 
 ### Remote calls: information of speech about averted gaze
 
-The same sounds with gaze of the population `remote_call`; in the default's place is
-`{PACKAGED_REMOTE_CALL_MODEL.stem}`.
+The same sounds with gaze of the population `remote_call`.
 
 {calls.aversion}
 
