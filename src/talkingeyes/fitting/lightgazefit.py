@@ -256,27 +256,39 @@ class _Problem:
 
     def linearise(self, gaze: Float[ndarray, "T 2 3"]) -> _Terms:
         """Value and derivatives of the objective at these rotation vectors."""
+        residual, jacobian = self._residual_and_jacobian(gaze)
+        objective, gradient = self._value_and_gradient(gaze, residual, jacobian)
+        hessian = np.tile(self.prior, (len(gaze), 1, 1))
+        squares = jacobian.swapaxes(-1, -2) @ jacobian
+        hessian[:, :3, :3] += squares[:, 0]
+        hessian[:, 3:, 3:] += squares[:, 1]
+        return _Terms(objective, gradient, hessian)
+
+    def gradient(self, gaze: Float[ndarray, "T 2 3"]) -> tuple[Float[ndarray, " T"], Float[ndarray, "T 6"]]:
+        """Value and half of the gradient of the objective at these rotation vectors."""
+        return self._value_and_gradient(gaze, *self._residual_and_jacobian(gaze))
+
+    def _residual_and_jacobian(
+        self, gaze: Float[ndarray, "T 2 3"]
+    ) -> tuple[Float[ndarray, "T 2 2"], Float[ndarray, "T 2 2 3"]]:
+        """Pupil errors in units of y, and their derivatives by the rotation vectors."""
         looking, by_gaze = direction_and_jacobian(gaze)
         points = self.centres + PUPIL_OFFSET_M * (looking @ self.turn.swapaxes(1, 2))
         scale = self.camera.focal_px / (self.camera.distance_m - points[..., 2])
         weight = self.seen / self.unit_px
-        residual = (self.camera.project(points) - self.pupils) * weight
         along = points[..., :2] * (scale / self.camera.focal_px)[..., None]  # image motion per unit of depth
         by_turned = self.turn[:, None, :2] + along[..., None] * self.turn[:, None, 2:]
         factor = PUPIL_OFFSET_M * weight * scale[..., None] * np.array([1.0, -1.0])
-        jacobian = factor[..., None] * (by_turned @ by_gaze)
-        transposed = jacobian.swapaxes(-1, -2)
+        return (self.camera.project(points) - self.pupils) * weight, factor[..., None] * (by_turned @ by_gaze)
+
+    def _value_and_gradient(
+        self, gaze: Float[ndarray, "T 2 3"], residual: Float[ndarray, "T 2 2"], jacobian: Float[ndarray, "T 2 2 3"]
+    ) -> tuple[Float[ndarray, " T"], Float[ndarray, "T 6"]]:
         state = gaze.reshape(-1, 6)
         pull = state @ self.prior
-        hessian = np.tile(self.prior, (len(gaze), 1, 1))
-        squares = transposed @ jacobian
-        hessian[:, :3, :3] += squares[:, 0]
-        hessian[:, 3:, 3:] += squares[:, 1]
-        return _Terms(
-            objective=np.sum(residual**2, axis=(1, 2)) + np.sum(pull * state, axis=1),
-            gradient=(transposed @ residual[..., None])[..., 0].reshape(-1, 6) + pull,
-            hessian=hessian,
-        )
+        objective = np.sum(residual**2, axis=(1, 2)) + np.sum(pull * state, axis=1)
+        gradient = (jacobian.swapaxes(-1, -2) @ residual[..., None])[..., 0].reshape(-1, 6) + pull
+        return objective, gradient
 
 
 def direction_and_jacobian(gaze: Float[ndarray, "*N 3"]) -> tuple[Float[ndarray, "*N 3"], Float[ndarray, "*N 3 3"]]:
@@ -313,13 +325,13 @@ def solve_adam(observations: PupilObservations, settings: LightGazeFitSettings) 
     optimiser = torch.optim.Adam([state], lr=adam.learning_rate)
     earlier, step = float("inf"), 0
     while step < adam.steps:
-        terms = problem.linearise(gaze)
+        objective, gradient = problem.gradient(gaze)
         if step % adam.patience == 0:
-            value = float(terms.objective.sum())
+            value = float(objective.sum())
             if earlier - value < adam.tolerance * earlier and step:
                 break
             earlier = value
-        state.grad = torch.from_numpy(2.0 * terms.gradient).view_as(state)
+        state.grad = torch.from_numpy(2.0 * gradient).view_as(state)
         optimiser.step()
         step += 1
     return Solution(gaze.copy(), problem.value(gaze), step)
