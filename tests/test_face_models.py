@@ -34,6 +34,7 @@ from talkingeyes.training.face_tokenizer import (
 from talkingeyes.training.loop import train
 from talkingeyes.training.model_folder import is_face_model
 from talkingeyes.training.resume import ResumeFile
+from talkingeyes.training.windows import WindowSettings
 
 LOOP = {
     "steps": 40, "batch": 6, "learning_rate": 5e-3, "schedule": "one-cycle", "weight_decay": 0.0, "clip_norm": 1.0,
@@ -261,6 +262,16 @@ def test_autoencoder_trains_reproducibly_and_loads(kind: str, layout: str, tmp_p
     face = torch.from_numpy(BASIS.to_vector(faces(1, 9)[0].expression, faces(1, 9)[0].jaw))[None]
     torch.testing.assert_close(again.network.latents(face), first.module.latents(face))
     assert again.basis == BASIS
+
+
+def test_whole_clips_set_the_statistics_of_latents() -> None:
+    settings = prior_settings("vq", "channels", batch=1)
+    settings = settings.model_copy(update={"windows": WindowSettings(frames=None, mirror=False)})
+    clips = [*faces(2, seed=1), *faces(2, seed=2, frames=90)]
+    task = FaceTokenizerTask(settings, clips, clips, BASIS)
+    task.fit_latent_statistics()
+    assert float(task.module.temperature_scale) > 0
+    assert float(task.module.latent_scale) not in (0.0, 1.0)
 
 
 def test_invalid_tokenizer_is_one_line_error(tmp_path: Path) -> None:

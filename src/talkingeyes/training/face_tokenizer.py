@@ -28,7 +28,7 @@ from talkingeyes.training.face_windows import FaceStatistics, face_batch
 from talkingeyes.training.loop import LoopSettings
 from talkingeyes.training.windows import WindowDataset, WindowSettings
 
-STATISTICS_WINDOWS = 64  # training windows for the statistics of latents
+STATISTICS_WINDOWS = 64  # training windows, or whole clips, for the statistics of latents
 
 
 class FaceTokenizerSettings(Settings):
@@ -100,7 +100,13 @@ class FaceTokenizerTask:
     @torch.no_grad()
     def fit_latent_statistics(self) -> None:
         """Fit the statistics of the latents to training faces, after the loop."""
-        self.module.fit_latent_statistics(self.windows.sample_batch(STATISTICS_WINDOWS, step=1).face.to(self._device))
+        size = STATISTICS_WINDOWS if self.settings.windows.frames else 1  # whole clips differ in length
+        self.module.fit_latent_statistics(
+            [
+                self.windows.sample_batch(size, step).face.to(self._device)
+                for step in range(1, STATISTICS_WINDOWS // size + 1)
+            ]
+        )
 
     @torch.no_grad()
     def error(self, recordings: Sequence[FaceRecording]) -> FaceReconstructionError:

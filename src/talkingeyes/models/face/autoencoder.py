@@ -8,6 +8,7 @@ gradients to them; `sample_decoder_inputs` samples from them; `decode` yields th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any, Protocol, runtime_checkable
 
 import torch.nn.functional as F
@@ -86,8 +87,8 @@ class FaceAutoencoder(Protocol):
         """Decoder inputs for predicted latents in training; passes gradients."""
         ...
 
-    def fit_latent_statistics(self, face: Float[Tensor, "B T F"]) -> None:
-        """Set the statistics of the latents from training faces, after stage 1."""
+    def fit_latent_statistics(self, batches: Sequence[Float[Tensor, "B _ F"]]) -> None:
+        """Set the statistics of the latents from batches of training faces, after stage 1."""
         ...
 
     def noise(self, seeds: list[int], frames: int, correlation_frames: int) -> Float[Tensor, "S T M"]:

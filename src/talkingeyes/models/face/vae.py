@@ -5,6 +5,7 @@ Stage 2 predicts mean and log-variance of the latent of each frame; a sample of 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 from jaxtyping import Float
@@ -38,7 +39,7 @@ class FaceVAE(FaceAutoencoderBase):
         reconstructed = self.encoder_decoder.decode(posterior.rsample())
         return {"divergence": posterior.divergence(), **reconstruction(self.normal(reconstructed), self.normal(face))}
 
-    def fit_latent_statistics(self, face: Float[Tensor, "B T F"]) -> None:
+    def fit_latent_statistics(self, batches: Sequence[Float[Tensor, "B _ F"]]) -> None:
         """Do nothing: the prior N(0, I) sets the scale of latents."""
 
     def latents(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T Z"]:

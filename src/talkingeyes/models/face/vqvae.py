@@ -10,6 +10,7 @@ The codebook term of eq. 3 is minimised in closed form (layers/quantiser.py); th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import torch
@@ -79,12 +80,16 @@ class FaceVQVAE(FaceAutoencoderBase):
         }
 
     @torch.no_grad()
-    def fit_latent_statistics(self, face: Float[Tensor, "B T F"]) -> None:
+    def fit_latent_statistics(self, batches: Sequence[Float[Tensor, "B _ F"]]) -> None:
         """Set `temperature_scale` and `latent_scale` from faces, once after stage 1."""
-        latents = self.encoder_decoder.encode(face)
-        pieces = self._split_codes(latents)
-        self.temperature_scale.copy_((pieces - self.quantiser(pieces).values).square().sum(-1).mean())
-        self.latent_scale.copy_(latents.square().mean().sqrt())
+        distances, squares = [], []
+        for face in batches:
+            latents = self.encoder_decoder.encode(face)
+            pieces = self._split_codes(latents)
+            distances.append((pieces - self.quantiser(pieces).values).square().sum(-1).flatten())
+            squares.append(latents.square().flatten())
+        self.temperature_scale.copy_(torch.cat(distances).mean())
+        self.latent_scale.copy_(torch.cat(squares).mean().sqrt())
 
     def latents(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T L"]:
         """z^m of eq. 5."""
