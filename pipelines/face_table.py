@@ -240,7 +240,9 @@ def _draw(folder: Path, data: Mapping[str, Path], made: Mapping[str, RowResult])
     clips = sorted(corpus.select("test", take=0), key=lambda clip: (clip.intensity, clip.id))
     if not clips:
         return
-    neutral, strongest = clips[0], clips[-1]
+    mildest = [clip for clip in clips if clip.intensity == clips[0].intensity]
+    neutral = max(mildest, key=lambda clip: len(syllable_times_s(corpus.annotation(clip))))
+    strongest = clips[-1]
 
     def rows(names: Sequence[str], clip: Clip) -> dict[str, FaceSamples]:
         shown = {"Truth": stack_faces([corpus.truth(clip)])}
