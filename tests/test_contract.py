@@ -151,7 +151,7 @@ def face_network(name: str) -> SpeechToFace:
     if settings.tokenizer:
         of_tokenizer = FaceTokenizerSettings.model_validate(model_section(settings.tokenizer, "pretrain"))
         tokenizer = FACE_AUTOENCODERS.build(of_tokenizer.network, FACE_BASIS.numbers)
-        tokenizer.fit_latent_statistics(torch.randn(2, 20, FACE_BASIS.numbers))
+        tokenizer.fit_latent_statistics([torch.randn(2, 20, FACE_BASIS.numbers)])
         tokenizer.freeze()
     channels = [str(index) for index in range(CHANNELS)]
     return SpeechToFace(settings, channels, SPEAKERS, FACE_BASIS.numbers, tokenizer).eval()
