@@ -1,10 +1,12 @@
 """ProbTalk3D's Table 1 with its ablation: every face model of conf/experiment/probtalk3d_table, three seeds.
 
-Run     python -m pipelines.face_table [--out DIR] [overrides], e.g. seeds=0 for one seed of all, or experiment=tiny
+Run     python -m pipelines.face_table [models=face_vae,probtalk3d] [seeds=0,1,2] [--out DIR] [overrides]
 Reads   conf/; corpus, fit and embedding of `make repro` are reused if they match
-Writes  DIR (by default docs/): face_table.md, face_table.json, pictures/face-*.png (those of PICTURES)
+Writes  DIR (by default docs/): face_rows/ROW-SEED.json, then face_table.md and face_table.json of all files in
+        face_rows, and pictures/face-*.png (those of PICTURES whose rows are all among `models`)
 
-An interrupted run resumes: every model, its samples and its row are kept in the result store.
+Rows and seeds can be computed at different times and on different machines (face_rows.py). An interrupted run resumes:
+every model, its samples and its row are kept in the result store.
 
 Seeds are those of training and sampling; corpus, fit and stage 1 are shared. Models run in parallel, one per process.
 Outside the default pipeline.
@@ -12,10 +14,9 @@ Outside the default pipeline.
 
 from __future__ import annotations
 
-import importlib
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -25,24 +26,26 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image
 
-from pipelines.evaluate import InputPaths, held_out_sounds
-from pipelines.evaluate_face import REAL_ROWS, FaceInputPaths, measure_faces, stack_faces
+from pipelines.evaluate_face import REAL_ROWS, stack_faces
+from pipelines.face_rows import FOLDER, ROW_CODE, FaceRow, measure, measured_row, read_rows, write_row
 from pipelines.table_runs import (
-    METRICS_FILE,
     RowResult,
     RowSpec,
     TableOptions,
     compute_rows,
     configs_by_seed,
+    configuration_hash,
     parse_arguments,
 )
 from talkingeyes.audio.annotation import EMOTIONS, INTENSITIES, Annotation
+from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.evaluation.face.articulation import OPEN_VOWELS, ArticulationMetrics
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.face.articulation import OPEN_VOWELS
 from talkingeyes.evaluation.face.pictures import frame_sheet, heat_map_sheet
-from talkingeyes.evaluation.face.summary import FaceMetrics, paired_differences, summarise_seeds
+from talkingeyes.evaluation.face.summary import paired_differences, summarise_seeds
 from talkingeyes.evaluation.face.surface import FaceSurface
 from talkingeyes.evaluation.face.table import (
     ARTICULATION_COLUMNS,
@@ -52,24 +55,15 @@ from talkingeyes.evaluation.face.table import (
     TITLES,
     face_markdown,
 )
-from talkingeyes.evaluation.face.vertices import VertexErrors
 from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
 from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, markdown_table
 from talkingeyes.head.anny import anny_head
 from talkingeyes.models.face.style import NEUTRAL, FaceStyle, StyleKey
-from talkingeyes.orchestration.mlflow_logging import revision
-from talkingeyes.orchestration.run import Report, Workspace, run_command
-from talkingeyes.orchestration.stage_graph import StageCall
+from talkingeyes.orchestration.run import run_command
 from talkingeyes.training.face_generators import TrainedFaceGenerator, load_face_generator
 
+Picture = UInt8[ndarray, "H W 3"]
 EXPERIMENT = "experiment=probtalk3d_table"
-# Code that a row depends on besides its inputs.
-ROW_CODE = (
-    "pipelines/evaluate_face.py",
-    "pipelines/face_table.py",
-    "src/talkingeyes/evaluation/face",
-    "src/talkingeyes/head",
-)
 HEAT_MAP_ROWS = ("truth", "probtalk3d", "face_vae", "face_ddim", "face_codetalker", "face_mean")
 # The paper has FaceDiffuser and EMOTE, which is deterministic, beside its own two.
 SYLLABLE_ROWS = ("truth", "probtalk3d", "face_vae", "face_ddpm", "face_faceformer")
@@ -80,15 +74,17 @@ HEAT_PX, TILE_PX, FRAMES_SHOWN = 220, 120, 6
 EMOTION_MODEL = "probtalk3d"  # the model of the sheet of emotions
 COMPARED = "probtalk3d"  # the row that the others are compared with, sound by sound
 DIFFERENCE = f"minus_{COMPARED}"
+# Sections of the composition that every row depends on; models and stage 1 are added by name.
+SECTIONS = ("corpus", "synthesize", "fit", "embed", "sample", "evaluate")
 INTRODUCTION = """# The face: ProbTalk3D's Table 1
 
-Written by `python -m pipelines.face_table` (`make face`) at revision {revision}; an interrupted run resumes. Models:
-[face_models.md](face_models.md). Metrics and caveats: [face_measures.md](face_measures.md).
+Written by `python -m pipelines.face_table` (`make face`) from the rows in docs/face_rows, at revision {revisions}.
+Models: [face_models.md](face_models.md). Metrics and caveats: [face_measures.md](face_measures.md).
 
-Means over the seeds {seeds}, ten samples per sound. Errors are on the vertices of the open head, in millimetres,
-against the true motion (its first take). This page shows new speakers; [face_table.json](face_table.json) has both
-splits and all metrics, with 95 % intervals over sounds and the range of the seeds. The last column has the paper's
-values on 3DMEAD and FLAME, read as metres and square metres: compare the order of rows, not the values.
+Means over the seeds {seeds}, ten samples per sound, new speakers. Errors are on the vertices of the open head, in
+millimetres, against the true motion (its first take). [face_table.json](face_table.json) has both splits and all
+metrics, with 95 % intervals over sounds and the range of the seeds. The last column has the paper's values on 3DMEAD
+and FLAME, read as metres and square metres: compare the order of rows, not the values.
 
 """
 SHOWN = {
@@ -110,6 +106,14 @@ Differences of the rows above on the same sounds and seeds, with 95 % intervals 
 
 """
 
+LEARNING = "learning"
+LEARNING_TEXT = """### Energy score on val while learning
+
+Lower is better; bold: the weights that are kept. A row whose last score is its lowest was still learning. Chosen: the
+temperature or noise of each seed.
+
+"""
+
 PICTURES = {
     "face-syllables.png": "Syllables of one neutral sentence (as in Fig. 5 of the paper)",
     "face-heat.png": "Motion of each vertex from frame to frame (as in Fig. 6 of the paper)",
@@ -118,27 +122,64 @@ PICTURES = {
 }
 
 
+def main() -> None:
+    """Compute the chosen models with all seeds, one file each, then write the page of all files and the pictures."""
+    wanted = options(sys.argv[1:])
+    out, made = wanted.out, configs_by_seed(wanted.overrides, wanted.seeds)
+    params, configurations = made[0], configuration_hashes(wanted.overrides)
+    unknown = [name for name in wanted.words["models"] if name not in configurations]
+    if unknown:
+        raise InputError(f"models: should be among {', '.join(rows_of(params))}; got {unknown[0]!r}")
+    read_rows(out / FOLDER, configurations)
+    models = tuple(wanted.words["models"] or rows_of(params))
+    kind = RowSpec("face_metrics", ROW_CODE, (), ("evaluate",), measure, models, REAL_ROWS)
+    found = compute_rows(made, kind, critic=False, title="face")
+    for name, by_seed in found.by_name.items():
+        for seed, one in zip(wanted.seeds, by_seed, strict=False):  # real motion has one seed
+            write_row(out / FOLDER, measured_row(one, seed, configurations[name]))
+    rows = read_rows(out / FOLDER, configurations)
+    table = summarise(rows, EvaluateSettings.model_validate(params["evaluate"]).bootstrap)
+    (out / "pictures").mkdir(parents=True, exist_ok=True)
+    _draw(out / "pictures", found.data, {name: by_seed[0] for name, by_seed in found.by_name.items()})
+    (out / "face_table.json").write_text(json.dumps(table, indent=1))
+    (out / "face_table.md").write_text(document(table, rows) + pictures(out / "pictures"))
+    print(face_markdown(table))
+
+
 def rows_of(params: Mapping[str, Any]) -> list[str]:
     """The models that generate the face alone."""
     return [name for name, model in params["model"].items() if tuple(model["parts"]) == ("face",)]
 
 
-def main() -> None:
-    """Compute all models with all seeds, then write the page and the pictures."""
-    wanted = options(sys.argv[1:])
-    out, made = wanted.out, configs_by_seed(wanted.overrides, wanted.seeds)
-    params = made[0]
-    kind = RowSpec("face_metrics", ROW_CODE, (), ("evaluate",), _measure, tuple(rows_of(params)), REAL_ROWS)
-    found = compute_rows(made, kind, critic=False, title="face")
-    settings = EvaluateSettings.model_validate(params["evaluate"])
-    by_seed = {name: [_by_split(one) for one in seeds] for name, seeds in found.by_name.items()}
-    table = {name: _summary(seeds, by_seed[COMPARED], settings) for name, seeds in by_seed.items()}
-    (out / "pictures").mkdir(parents=True, exist_ok=True)
-    _draw(out / "pictures", found.data, {name: seeds[0] for name, seeds in found.by_name.items()})
-    (out / "face_table.json").write_text(json.dumps(table, indent=1))
-    introduction = INTRODUCTION.format(revision=revision(), seeds=", ".join(map(str, wanted.seeds)))
-    (out / "face_table.md").write_text(introduction + summary(table) + differences(table) + pictures(out / "pictures"))
-    print(face_markdown(table))
+def configuration_hashes(overrides: Sequence[str]) -> dict[str, str]:
+    """Hash of all settings that each row depends on, but for the seeds."""
+    (params,) = configs_by_seed(overrides, [0])
+    of_models = {name: configuration_hash(params, SECTIONS, [name]) for name in rows_of(params)}
+    return of_models | {name: configuration_hash(params, SECTIONS, ()) for name in REAL_ROWS}
+
+
+def summarise(rows: Mapping[str, Sequence[FaceRow]], settings: BootstrapSettings) -> dict[str, Any]:
+    """{row: {split: {"face": metrics, DIFFERENCE: metrics less those of the compared row}, LEARNING: ...}}."""
+    compared = rows.get(COMPARED, ())
+    table: dict[str, Any] = {name: _summary(seeds, compared, settings) for name, seeds in rows.items()}
+    for name, seeds in rows.items():
+        if seeds[0].scores:
+            table[name][LEARNING] = _learning(seeds)
+    return table
+
+
+def document(table: Mapping[str, Mapping[str, Any]], rows: Mapping[str, Sequence[FaceRow]]) -> str:
+    """The page without its pictures."""
+    every = [each for seeds in rows.values() for each in seeds]
+    seeds = sorted({each.seed for each in every})
+    fewer = [TITLES[name] for name in TITLES if name in rows and name not in REAL_ROWS and len(rows[name]) < len(seeds)]
+    missing = [TITLES[name] for name in TITLES if name not in rows]
+    introduction = INTRODUCTION.format(
+        revisions=", ".join(sorted({each.revision for each in every})), seeds=", ".join(map(str, seeds))
+    )
+    notes = [("Not computed yet", missing), ("With fewer seeds", fewer)]
+    said = "".join(f"{title}: {'; '.join(names)}.\n\n" for title, names in notes if names)
+    return introduction + said + summary(table) + differences(table) + learning(table)
 
 
 def summary(rows: Mapping[str, Mapping[str, Any]]) -> str:
@@ -166,6 +207,21 @@ def differences(rows: Mapping[str, Mapping[str, Any]]) -> str:
     return DIFFERENCES + markdown_table(["", *(each.heading for each in columns)], lines) + "\n\n"
 
 
+def learning(rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """Scores on val of the networks while they learnt, and what was chosen there."""
+    learnt = {name: rows[name][LEARNING] for name in TITLES if LEARNING in rows.get(name, {})}
+    if not learnt:
+        return ""
+    steps = sorted({step for each in learnt.values() for step in each["scores"]}, key=int)
+    lines = []
+    for name, each in learnt.items():
+        lowest = min(each["scores"].values())
+        cells = [_score(each["scores"].get(step), lowest) for step in steps]
+        chosen, tried = (", ".join(f"{value:g}" for value in each[key]) for key in ("chosen", "tried"))
+        lines.append([TITLES[name], *cells, f"{chosen} (of {tried})" if len(each["tried"]) > 1 else ""])
+    return LEARNING_TEXT + markdown_table(["", *(f"{step} steps" for step in steps), "chosen"], lines) + "\n\n"
+
+
 def pictures(folder: Path) -> str:
     """The pictures that are in a folder: those of models that were not trained are missing."""
     shown = ((name, title) for name, title in PICTURES.items() if (folder / name).exists())
@@ -180,58 +236,47 @@ def _difference(found: Mapping[str, float] | None, digits: int) -> str:
     return f"{shown} <sub>{found['low']:.{digits}f} to {found['high']:.{digits}f}</sub>"
 
 
+def _score(score: float | None, lowest: float) -> str:
+    if score is None:
+        return ""
+    return f"**{score:.2f}**" if score == lowest else f"{score:.2f}"
+
+
 def options(arguments: Sequence[str]) -> TableOptions:
-    """The options; by default, all face models."""
-    wanted = parse_arguments(arguments)
+    """The options: models=..., and those of table_runs.py."""
+    wanted = parse_arguments(arguments, ["models"])
     if any(text.startswith("experiment=") for text in wanted.overrides):
         return wanted
     return replace(wanted, overrides=[EXPERIMENT, *wanted.overrides])
 
 
-def _measure(call: StageCall, workspace: Workspace) -> Report:
-    """Metrics of a row, sound by sound."""
-    settings = workspace.settings("evaluate", EvaluateSettings)
-    (row,), data = call.names, workspace.data
-    places = (workspace.corpus, data("fit"), data("embed"), data("critic"), data("sample", row))
-    sounds = [
-        item.takes for item in held_out_sounds(InputPaths("fitted", *places, settings.benchmark_samples), settings)
-    ]
-    paths = FaceInputPaths(row, workspace.corpus, data("fit"), data("sample", row), settings.seed)
-    figures = measure_faces(paths, sounds, workspace.jobs)
-    found = [{"split": takes[0].split, **asdict(one)} for takes, one in zip(sounds, figures, strict=True)]
-    with workspace.output(call.stage, row) as folder:
-        (folder / METRICS_FILE).write_text(json.dumps(found))
-    return Report()
-
-
-def _by_split(row: RowResult) -> dict[str, list[FaceMetrics]]:
-    """Metrics of every sound of one seed of a row, by split."""
-    found = json.loads(row.figures.read_text())
-    return {split: [_figures(each) for each in found if each["split"] == split] for split in SPLIT_TITLES}
-
-
 def _summary(
-    seeds: Sequence[Mapping[str, list[FaceMetrics]]],
-    compared: Sequence[Mapping[str, list[FaceMetrics]]],
-    settings: EvaluateSettings,
-) -> dict[str, Any]:
-    """{split: {"face": metrics, DIFFERENCE: metrics less those of the compared row}} of a row over its seeds."""
+    seeds: Sequence[FaceRow], compared: Sequence[FaceRow], settings: BootstrapSettings
+) -> dict[str, dict[str, Any]]:
+    """{split: {"face": metrics, DIFFERENCE: metrics less those of the compared row, of the seeds that both have}}."""
+    by_seed = {each.seed: each for each in seeds}
+    if seeds[0].row in REAL_ROWS:  # one seed, compared with all
+        by_seed = {each.seed: seeds[0] for each in compared}
     found: dict[str, Any] = {}
-    for split in (each for each in SPLIT_TITLES if seeds[0][each]):
-        here, other = ([each[split] for each in row] for row in (seeds, compared))
-        summary = summarise_seeds(here, settings.bootstrap)
-        found[split] = {"face": {name: asdict(estimate) for name, estimate in summary.items()}}
-        if seeds is not compared:
-            same = here if len(here) == len(other) else here[:1] * len(other)  # real motion has one seed
-            difference = paired_differences(same, other, settings.bootstrap)
+    for split in (each for each in SPLIT_TITLES if seeds[0].sounds.get(each)):
+        face = summarise_seeds([each.sounds[split] for each in seeds], settings)
+        found[split] = {"face": {name: asdict(estimate) for name, estimate in face.items()}}
+        both = [(by_seed[each.seed].sounds[split], each.sounds[split]) for each in compared if each.seed in by_seed]
+        if both and seeds[0].row != COMPARED:
+            here, other = ([pair[side] for pair in both] for side in (0, 1))
+            difference = paired_differences(here, other, settings)
             found[split][DIFFERENCE] = {name: asdict(estimate) for name, estimate in difference.items()}
     return found
 
 
-def _figures(row: Mapping[str, Any]) -> FaceMetrics:
-    errors = VertexErrors(**row["errors"]) if row["errors"] else None
-    rest = {name: row[name] for name in ("diversity", "diversity_truth", "emotion", "accuracy")}
-    return FaceMetrics(errors=errors, articulation=ArticulationMetrics(**row["articulation"]), **rest)
+def _learning(seeds: Sequence[FaceRow]) -> dict[str, Any]:
+    """{"scores": {step: mean over seeds}, "chosen": the temperature of each seed, "tried": temperatures}."""
+    lowest = [min(each.by_temperature, key=each.by_temperature.__getitem__) for each in seeds]
+    return {
+        "scores": {step: float(np.mean([each.scores[step] for each in seeds])) for step in seeds[0].scores},
+        "chosen": [float(each) for each in lowest],
+        "tried": sorted(map(float, seeds[0].by_temperature)),
+    }
 
 
 def _draw(folder: Path, data: Mapping[str, Path], made: Mapping[str, RowResult]) -> None:
@@ -244,26 +289,27 @@ def _draw(folder: Path, data: Mapping[str, Path], made: Mapping[str, RowResult])
     neutral = max(mildest, key=lambda clip: len(syllable_times_s(corpus.annotation(clip))))
     strongest = clips[-1]
 
-    def rows(names: Sequence[str], clip: Clip) -> dict[str, FaceSamples]:
+    def save(name: str, rows: Sequence[str], clip: Clip, draw: Callable[[dict[str, FaceSamples]], Picture]) -> None:
+        paths = {row: made[row].samples for row in rows if row in made}
+        if set(rows) - set(paths) - set(REAL_ROWS):
+            return
         shown = {"Truth": stack_faces([corpus.truth(clip)])}
-        for name in names:
-            samples = made[name].samples if name in made else None
+        for row, samples in paths.items():
             if samples is not None:
-                shown[TITLES[name]] = FaceSamples.load(shard_path(samples, clip.id, ".npz"))
-        return shown
+                shown[TITLES[row]] = FaceSamples.load(shard_path(samples, clip.id, ".npz"))
+        Image.fromarray(draw(shown)).save(folder / name)
 
-    def save(name: str, picture: UInt8[ndarray, "H W 3"]) -> None:
-        Image.fromarray(picture).save(folder / name)
+    def frames(times_s: Mapping[str, float]) -> Callable[[dict[str, FaceSamples]], Picture]:
+        return lambda shown: frame_sheet(surface.model, shown, times_s, TILE_PX)
 
-    spoken = syllable_times_s(corpus.annotation(neutral))
-    save("face-syllables.png", frame_sheet(surface.model, rows(SYLLABLE_ROWS, neutral), spoken, TILE_PX))
-    save("face-heat.png", heat_map_sheet(surface, rows(HEAT_MAP_ROWS, neutral), HEAT_PX))
     emotional = spread_times_s(strongest, f"{strongest.emotion} {strongest.intensity}, ")
-    save("face-ablation.png", frame_sheet(surface.model, rows(ABLATION_ROWS, strongest), emotional, TILE_PX))
+    save("face-syllables.png", SYLLABLE_ROWS, neutral, frames(syllable_times_s(corpus.annotation(neutral))))
+    save("face-heat.png", HEAT_MAP_ROWS, neutral, lambda shown: heat_map_sheet(surface, shown, HEAT_PX))
+    save("face-ablation.png", ABLATION_ROWS, strongest, frames(emotional))
     model = made[EMOTION_MODEL].model if EMOTION_MODEL in made else None
     if model is not None:
         by_emotion = sample_emotions(load_face_generator(model), data["embed"], neutral)
-        save("face-emotions-model.png", frame_sheet(surface.model, by_emotion, spread_times_s(neutral), TILE_PX))
+        Image.fromarray(frames(spread_times_s(neutral))(by_emotion)).save(folder / "face-emotions-model.png")
 
 
 def spread_times_s(clip: Clip, caption: str = "") -> dict[str, float]:
@@ -291,6 +337,4 @@ def sample_emotions(generator: TrainedFaceGenerator, embed: Path, clip: Clip) ->
 
 
 if __name__ == "__main__":
-    run_command(
-        importlib.import_module("pipelines.face_table").main
-    )  # by module name, so that worker processes can import `_measure`
+    run_command(main)

@@ -7,13 +7,15 @@ resumes: every model, the stages after its training and its row are kept in the 
 
 from __future__ import annotations
 
+import hashlib
 import importlib
+import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose
@@ -23,6 +25,7 @@ from talkingeyes.orchestration.stage_graph import DEFAULT_CORPUS, REPOSITORY_ROO
 
 SEEDS = (0, 1, 2)
 METRICS_FILE = "metrics.json"
+AnyResult = TypeVar("AnyResult", bound="SeedResult")
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,53 @@ def configs_by_seed(overrides: Sequence[str], seeds: Sequence[int]) -> list[dict
         if params["corpus"] != DEFAULT_CORPUS:
             params["corpus"] = str(Path(params["corpus"]).resolve())
     return made
+
+
+def configuration_hash(params: Mapping[str, Any], sections: Iterable[str], models: Iterable[str]) -> str:
+    """Hash of some sections of a composition, and of some models and what they were pretrained on."""
+    chosen = {name: params["model"][name] for name in models}
+    tokenizers = {each["tokenizer"] for each in chosen.values()} - {None}
+    pretraining = {name: params["pretrain"][name] for name in tokenizers}
+    content = {name: params[name] for name in sections} | {"model": chosen, "pretrain": pretraining}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+
+
+class SeedResult(Protocol):
+    """What a file of results of a single seed holds."""
+
+    @property
+    def seed(self) -> int: ...
+
+    @property
+    def configuration(self) -> str: ...
+
+
+def read_seed_results(
+    folder: Path,
+    writer: str,
+    parse: Callable[[Any], tuple[str, AnyResult]],
+    configurations: Mapping[str, str] | None = None,
+) -> dict[str, list[AnyResult]]:
+    """The results of single seeds of all JSON files in a folder, by name, then by seed; `parse` gives name and result.
+
+    Raises InputError if a file is none of `writer`'s, or was computed with another configuration than that of its name
+    (by default, that of the name's first file).
+    """
+    expected = dict(configurations or {})
+    found: dict[str, list[AnyResult]] = {}
+    for path in sorted(folder.glob("*.json")):
+        try:
+            name, result = parse(json.loads(path.read_text()))
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise InputError(f"{path}: should be a result of {writer}, got {error!r}") from None
+        configuration = expected.setdefault(name, result.configuration)
+        if result.configuration != configuration:
+            raise InputError(
+                f"{path}: should have configuration {configuration}, got {result.configuration}; "
+                "remove the file, or give another --out"
+            )
+        found.setdefault(name, []).append(result)
+    return {name: sorted(seeds, key=lambda each: each.seed) for name, seeds in found.items()}
 
 
 def compute_rows(made: Sequence[Mapping[str, Any]], kind: RowSpec, critic: bool, title: str) -> TableRows:

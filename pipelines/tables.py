@@ -13,17 +13,25 @@ several tables. An interrupted run resumes (pipelines/table_runs.py). Outside th
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from pipelines.evaluate import SPLITS
 from pipelines.paper_table_rows import LONG_S, LONG_SPEAKERS, READS, ROW_CODE, measure_row
-from pipelines.table_runs import RowResult, RowSpec, TableOptions, compute_rows, configs_by_seed, parse_arguments
+from pipelines.table_runs import (
+    RowResult,
+    RowSpec,
+    TableOptions,
+    compute_rows,
+    configs_by_seed,
+    configuration_hash,
+    parse_arguments,
+    read_seed_results,
+)
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
@@ -133,38 +141,23 @@ def comparisons(name: str) -> list[Comparison]:
 def configuration_hashes(overrides: Sequence[str]) -> dict[str, str]:
     """Hash of all settings that the rows of each table depend on, but for the seeds."""
     (params,) = configs_by_seed(overrides, [0])
-    return {name: _configuration_hash(params, table.rows) for name, table in TABLES.items()}
-
-
-def _configuration_hash(params: Mapping[str, Any], rows: Iterable[str]) -> str:
-    models = {name: params["model"][name] for name in rows}
-    tokenizers = {each["tokenizer"] for each in models.values()} - {None}
-    codebooks = {name: params["pretrain"][name] for name in tokenizers}
-    content = {name: params[name] for name in SHARED_SECTIONS} | {"model": models, "pretrain": codebooks}
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+    return {name: configuration_hash(params, SHARED_SECTIONS, table.rows) for name, table in TABLES.items()}
 
 
 def read_results(folder: Path, configurations: Mapping[str, str] | None = None) -> Results:
     """The results of all files in a folder: by table, in the order of the paper, then by seed.
 
-    Raises InputError if a file is no result, or was computed with another configuration than that of its table (by
-    default, that of the table's first file).
+    Raises InputError as `read_seed_results`.
     """
-    expected = dict(configurations or {})
-    found: dict[str, list[SeedResult]] = {name: [] for name in TABLES}
-    for path in sorted(folder.glob("*.json")):
-        try:
-            result = from_json(json.loads(path.read_text()))
-            found[result.table].append(result)
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise InputError(f"{path}: should be a result of pipelines.tables, got {error!r}") from None
-        configuration = expected.setdefault(result.table, result.configuration)
-        if result.configuration != configuration:
-            raise InputError(
-                f"{path}: should have configuration {configuration}, got {result.configuration}; "
-                "remove the file, or give another --out"
-            )
-    return {name: sorted(seeds, key=lambda each: each.seed) for name, seeds in found.items() if seeds}
+
+    def parse(content: Any) -> tuple[str, SeedResult]:
+        result = from_json(content)
+        if result.table not in TABLES:
+            raise KeyError(result.table)
+        return result.table, result
+
+    found = read_seed_results(folder, "pipelines.tables", parse, configurations)
+    return {name: found[name] for name in TABLES if name in found}
 
 
 def options(arguments: Sequence[str]) -> TableOptions:

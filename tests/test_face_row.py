@@ -11,7 +11,8 @@ from toy_workspace import FPS, FRAMES, toy_workspace
 
 from pipelines import evaluate
 from pipelines.evaluate_face import FaceInputPaths, measure_faces, stack_faces
-from pipelines.face_table import options, syllable_times_s
+from pipelines.face_rows import FaceRow, read_rows, write_row
+from pipelines.face_table import document, options, summarise, syllable_times_s
 from pipelines.table_runs import SEEDS
 from talkingeyes.audio.annotation import Annotation, Phoneme
 from talkingeyes.core.errors import InputError
@@ -148,6 +149,42 @@ def test_sheet_of_frames_at_syllables():
     first, second = sheet[2 * LABEL_PX : 2 * LABEL_PX + 48], sheet[-48:]
     assert np.array_equal(first[:, :48], second[:, :48]), "p: both are closed"
     assert not np.array_equal(first[:, 48:], second[:, 48:]), "a: one is open"
+
+
+def test_rows_of_several_runs_make_one_page(workspace, tmp_path):
+    """A file of a row with a seed each; a row that is missing, or has fewer seeds, is named."""
+    corpus = Corpus(workspace.corpus)
+    sounds = [[clip] for clip in corpus.select("test", "unseen", take=0)]
+    paths = FaceInputPaths("noise", workspace.corpus, workspace.data("fit"), workspace.data("sample", "noise"), 0)
+    by_split = {}
+    for (clip,), metrics in zip(sounds, measure_faces(paths, sounds, jobs=1), strict=True):
+        by_split.setdefault(clip.split, []).append(metrics)
+    learnt = {"500": 4.0, "1000": 3.5}, {"1": 3.5, "2": 3.75}
+    for name, seed in (("probtalk3d", 0), ("probtalk3d", 1), ("face_vae", 1), ("truth", 0)):
+        given = ({}, {}) if name == "truth" else learnt
+        write_row(tmp_path, FaceRow(name, seed, "c0", "r0", *given, by_split))
+    rows = read_rows(tmp_path)
+    assert {name: [each.seed for each in seeds] for name, seeds in rows.items()} == {
+        "probtalk3d": [0, 1],
+        "face_vae": [1],
+        "truth": [0],
+    }
+    read = rows["face_vae"][0].sounds["unseen"][0]
+    assert read.errors is not None
+    assert read.errors.lve == pytest.approx(by_split["unseen"][0].errors.lve, rel=1e-4)
+    table = summarise(rows, BootstrapSettings(n_resamples=50, confidence_level=0.95, seed=0))
+    for name in ("face_vae", "truth"):
+        assert table[name]["unseen"]["minus_probtalk3d"]["lve"]["value"] == 0.0, "the same sounds"
+    text = document(table, rows)
+    assert "Means over the seeds 0, 1," in text
+    assert "Not computed yet: Fitted motion (training target); Mean face;" in text
+    assert "With fewer seeds: VAE." in text
+    assert "| VAE | 4.00 | **3.50** | 1 (of 1, 2) |" in text
+    with pytest.raises(InputError, match=r"probtalk3d-0.json: should have configuration c1, got c0; remove the file"):
+        read_rows(tmp_path, {"probtalk3d": "c1"})
+    (tmp_path / "other.json").write_text("[]")
+    with pytest.raises(InputError, match=r"other.json: should be a result of pipelines.face_table, got TypeError"):
+        read_rows(tmp_path)
 
 
 def test_table_options_are_seeds_and_folder(tmp_path):

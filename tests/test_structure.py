@@ -32,6 +32,7 @@ NO_STAGE = {
     "corpus",
     "evaluate_face",
     "experiment",
+    "face_rows",
     "face_table",
     "field_baselines",
     "field_generators",
