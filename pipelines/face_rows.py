@@ -7,8 +7,8 @@ and on different machines make one page, with differences sound by sound. Used b
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, astuple, dataclass, fields
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,8 @@ ROW_CODE = (
 )
 FOLDER = "face_rows"
 ERRORS, ARTICULATION = (tuple(each.name for each in fields(part)) for part in (VertexErrors, ArticulationMetrics))
-COLUMNS = ("split", *ERRORS, *ARTICULATION, "diversity", "diversity_truth", "emotion", "accuracy")
+REST = ("diversity", "diversity_truth", "emotion", "accuracy")
+COLUMNS = ("split", *ERRORS, *ARTICULATION, *REST)
 DIGITS = 5  # significant ones
 
 
@@ -64,30 +65,32 @@ def measure(call: StageCall, workspace: Workspace) -> Report:
     ]
     paths = FaceInputPaths(row, workspace.corpus, data("fit"), data("sample", row), settings.seed)
     figures = measure_faces(paths, sounds, workspace.jobs)
-    found = [{"split": takes[0].split, **asdict(one)} for takes, one in zip(sounds, figures, strict=True)]
+    records = [_record(takes[0].split, one) for takes, one in zip(sounds, figures, strict=True)]
     with workspace.output(call.stage, row) as folder:
-        (folder / METRICS_FILE).write_text(json.dumps(found))
+        (folder / METRICS_FILE).write_text(json.dumps({"columns": COLUMNS, "sounds": records}))
     return Report()
 
 
 def measured_row(found: RowResult, seed: int, configuration: str) -> FaceRow:
     """A row of the result store."""
-    sounds: dict[str, list[FaceMetrics]] = {}
-    for each in json.loads(found.figures.read_text()):
-        errors = VertexErrors(**each["errors"]) if each["errors"] else None
-        rest = {name: each[name] for name in ("diversity", "diversity_truth", "emotion", "accuracy")}
-        metrics = FaceMetrics(errors=errors, articulation=ArticulationMetrics(**each["articulation"]), **rest)
-        sounds.setdefault(each["split"], []).append(metrics)
     history = json.loads((found.model / "history.json").read_text()) if found.model else []
     scores = {f"{each['step']:.0f}": -each["validation_score"] for each in history if "step" in each}
     chosen = [each for each in history if "step" not in each]
     by_temperature = {key.partition("/")[2]: score for each in chosen for key, score in each.items()}
-    return FaceRow(found.name, seed, configuration, revision(), scores, by_temperature, sounds)
+    return FaceRow(
+        found.name,
+        seed,
+        configuration,
+        revision(),
+        scores,
+        by_temperature,
+        _sounds(json.loads(found.figures.read_text())),
+    )
 
 
 def write_row(folder: Path, row: FaceRow) -> None:
     """Write the file of a row."""
-    records = [_record(split, each) for split, sounds in row.sounds.items() for each in sounds]
+    records = [_rounded(_record(split, each)) for split, sounds in row.sounds.items() for each in sounds]
     content = {field.name: getattr(row, field.name) for field in fields(row) if field.name != "sounds"}
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_write(folder / f"{row.row}-{row.seed}.json") as temporary:
@@ -101,24 +104,30 @@ def read_rows(folder: Path, configurations: Mapping[str, str] | None = None) -> 
     return read_seed_results(folder, "pipelines.face_table", _row, configurations)
 
 
+def _row(content: Mapping[str, Any]) -> tuple[str, FaceRow]:
+    given = {field.name: content[field.name] for field in fields(FaceRow) if field.name != "sounds"}
+    return content["row"], FaceRow(**given, sounds=_sounds(content))
+
+
 def _record(split: str, metrics: FaceMetrics) -> list[Any]:
     errors = astuple(metrics.errors) if metrics.errors else [None] * len(ERRORS)
-    rest = (metrics.diversity, metrics.diversity_truth, metrics.emotion, metrics.accuracy)
-    values = (split, *errors, *astuple(metrics.articulation), *rest)
-    return [float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value for value in values]
+    return [split, *errors, *astuple(metrics.articulation), *(getattr(metrics, name) for name in REST)]
 
 
-def _row(content: Mapping[str, Any]) -> tuple[str, FaceRow]:
-    sounds: dict[str, list[FaceMetrics]] = {}
-    for split, metrics in map(_metrics, content["sounds"]):
-        sounds.setdefault(split, []).append(metrics)
-    given = {field.name: content[field.name] for field in fields(FaceRow) if field.name != "sounds"}
-    return content["row"], FaceRow(**given, sounds=sounds)
+def _rounded(record: list[Any]) -> list[Any]:
+    return [float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value for value in record]
 
 
-def _metrics(record: Iterable[Any]) -> tuple[str, FaceMetrics]:
-    values = dict(zip(COLUMNS, record, strict=True))
-    errors = VertexErrors(**{name: values[name] for name in ERRORS}) if values["frames"] is not None else None
-    articulation = ArticulationMetrics(**{name: values[name] for name in ARTICULATION})
-    rest = {name: values[name] for name in ("diversity", "diversity_truth", "emotion", "accuracy")}
-    return str(values["split"]), FaceMetrics(errors=errors, articulation=articulation, **rest)
+def _sounds(content: Mapping[str, Any]) -> dict[str, list[FaceMetrics]]:
+    """Metrics by split of the records of all sounds."""
+    found: dict[str, list[FaceMetrics]] = {}
+    for record in content["sounds"]:
+        values = dict(zip(content["columns"], record, strict=True))
+        errors, articulation, rest = ({name: values[name] for name in each} for each in (ERRORS, ARTICULATION, REST))
+        metrics = FaceMetrics(
+            errors=None if errors["frames"] is None else VertexErrors(**errors),
+            articulation=ArticulationMetrics(**articulation),
+            **rest,
+        )
+        found.setdefault(values["split"], []).append(metrics)
+    return found

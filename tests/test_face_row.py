@@ -11,9 +11,9 @@ from toy_workspace import FPS, FRAMES, toy_workspace
 
 from pipelines import evaluate
 from pipelines.evaluate_face import FaceInputPaths, measure_faces, stack_faces
-from pipelines.face_rows import FaceRow, read_rows, write_row
+from pipelines.face_rows import FaceRow, measure, measured_row, read_rows, write_row
 from pipelines.face_table import document, options, summarise, syllable_times_s
-from pipelines.table_runs import SEEDS
+from pipelines.table_runs import METRICS_FILE, SEEDS, RowResult
 from talkingeyes.audio.annotation import Annotation, Phoneme
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
@@ -25,6 +25,7 @@ from talkingeyes.evaluation.face.summary import paired_differences, summarise_fa
 from talkingeyes.evaluation.face.surface import FaceSurface
 from talkingeyes.evaluation.face.table import face_markdown
 from talkingeyes.head.anny import anny_head
+from talkingeyes.orchestration.stage_graph import StageCall
 
 SHAPES = ("browInnerUp", "mouthFunnel")
 
@@ -153,12 +154,9 @@ def test_sheet_of_frames_at_syllables():
 
 def test_rows_of_several_runs_make_one_page(workspace, tmp_path):
     """A file of a row with a seed each; a row that is missing, or has fewer seeds, is named."""
-    corpus = Corpus(workspace.corpus)
-    sounds = [[clip] for clip in corpus.select("test", "unseen", take=0)]
-    paths = FaceInputPaths("noise", workspace.corpus, workspace.data("fit"), workspace.data("sample", "noise"), 0)
-    by_split = {}
-    for (clip,), metrics in zip(sounds, measure_faces(paths, sounds, jobs=1), strict=True):
-        by_split.setdefault(clip.split, []).append(metrics)
+    measure(StageCall("face_metrics", "noise", (), (), ()), workspace)
+    stored = RowResult("noise", workspace.data("face_metrics", "noise", METRICS_FILE))
+    by_split = measured_row(stored, 0, "c0").sounds
     learnt = {"500": 4.0, "1000": 3.5}, {"1": 3.5, "2": 3.75}
     for name, seed in (("probtalk3d", 0), ("probtalk3d", 1), ("face_vae", 1), ("truth", 0)):
         given = ({}, {}) if name == "truth" else learnt
