@@ -134,9 +134,13 @@ def main() -> None:
     models = tuple(wanted.words["models"] or rows_of(params))
     kind = RowSpec("face_metrics", ROW_CODE, (), ("evaluate",), measure, models, REAL_ROWS)
     found = compute_rows(made, kind, critic=False, title="face")
-    for name, by_seed in found.by_name.items():
-        for seed, one in zip(wanted.seeds, by_seed, strict=False):  # real motion has one seed
-            write_row(out / FOLDER, measured_row(one, seed, configurations[name]))
+    measured = [
+        measured_row(one, seed, configurations[name])
+        for name, by_seed in found.by_name.items()
+        for seed, one in zip(wanted.seeds, by_seed, strict=False)  # real motion has one seed
+    ]
+    for row in measured:  # after all have read the revision, which the first file makes a changed one
+        write_row(out / FOLDER, row)
     rows = read_rows(out / FOLDER, configurations)
     table = summarise(rows, EvaluateSettings.model_validate(params["evaluate"]).bootstrap)
     (out / "pictures").mkdir(parents=True, exist_ok=True)
