@@ -264,7 +264,7 @@ nats per second, by a regression fitted to all languages.
 ### The face by language
 
 Packaged model / fitted motion; emotions are classified as in the English chain. Chance of an emotion is 0.125; in
-docs/face_table.md, another corpus, faces of other clips close 0.36 of the lips.
+docs/face_table.md, another corpus, faces of other clips close 0.35 to 0.38 of the lips.
 
 {faces}
 
