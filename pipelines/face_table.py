@@ -110,7 +110,7 @@ LEARNING = "learning"
 LEARNING_TEXT = """### Energy score on val while learning
 
 Lower is better; bold: the weights that are kept. A row whose last score is its lowest was still learning. Chosen: the
-temperature or noise of each seed.
+temperature or noise of each seed; lower ones close more lips ([log](log/2026-11-28-face-temperature.md)).
 
 """
 
