@@ -43,10 +43,11 @@ $(VENV)/.stamp: requirements.lock pyproject.toml
 # A model learns on one core, and DVC runs one stage after the other: two rows of stages run side by side, first of
 # training, then of measuring (-s: what is before them is there). `dvc repro` alone gives the same; here it makes what is
 # left, and says what failed. A row waits for the other's lock: DVC gives up after three seconds.
-ONE_CORE = pretrain@face train@probtalk3d sample@probtalk3d pretrain@gaze_frames train@talkingeyes_paper \
-	pretrain@gaze_patches train@talkingeyes sample@talkingeyes information@talkingeyes
+ONE_CORE = pretrain@face train@probtalk3d sample@probtalk3d pretrain@gaze_patches train@talkingeyes \
+	sample@talkingeyes information@talkingeyes
 OTHER_CORE = train@talkingeyes_events sample@talkingeyes_events train@talkingeyes_live sample@talkingeyes_live \
-	information@talkingeyes_live information@talkingeyes_events critic train@vae sample@vae sample@talkingeyes_paper
+	information@talkingeyes_live information@talkingeyes_events critic train@vae sample@vae pretrain@gaze_frames \
+	train@talkingeyes_paper sample@talkingeyes_paper
 BASELINES = mean random similar untrained
 ONE_HALF = $(BASELINES:%=train@%) $(BASELINES:%=validate@%) $(BASELINES:%=sample@%) $(BASELINES:%=evaluate@%) information@untrained
 MEASURED = vae talkingeyes_paper talkingeyes talkingeyes_events talkingeyes_live

@@ -42,8 +42,8 @@ DIGITS = 5  # significant ones
 class FaceRow:
     """A row with one seed.
 
-    `configuration`: hash of its settings; `scores`: energy score on val by step of stage 2; `by_temperature`: the same
-    of the weights that were kept, by temperature or noise; `sounds`: metrics by split.
+    `configuration`: hash of its settings; `scores`: energy score on val by step of stage 2; `temperature`: that of
+    sampling (of the VAE: the noise), None without a network; `sounds`: metrics by split.
     """
 
     row: str
@@ -51,7 +51,7 @@ class FaceRow:
     configuration: str
     revision: str
     scores: Mapping[str, float]
-    by_temperature: Mapping[str, float]
+    temperature: float | None
     sounds: Mapping[str, list[FaceMetrics]]
 
 
@@ -73,17 +73,18 @@ def measure(call: StageCall, workspace: Workspace) -> Report:
 
 def measured_row(found: RowResult, seed: int, configuration: str) -> FaceRow:
     """A row of the result store."""
-    history = json.loads((found.model / "history.json").read_text()) if found.model else []
-    scores = {f"{each['step']:.0f}": -each["validation_score"] for each in history if "step" in each}
-    chosen = [each for each in history if "step" not in each]
-    by_temperature = {key.partition("/")[2]: score for each in chosen for key, score in each.items()}
+    history, settings = [], {}
+    if found.model:
+        history = json.loads((found.model / "history.json").read_text())
+        settings = json.loads((found.model / "config.json").read_text())["model"]
+    scores = {f"{each['step']:.0f}": -each["validation_score"] for each in history}
     return FaceRow(
         found.name,
         seed,
         configuration,
         revision(),
         scores,
-        by_temperature,
+        settings.get("temperature"),
         _sounds(json.loads(found.figures.read_text())),
     )
 

@@ -110,8 +110,9 @@ Differences of the rows above on the same sounds and seeds, with 95 % intervals 
 LEARNING = "learning"
 LEARNING_TEXT = """### Energy score on val while learning
 
-Lower is better; bold: the weights that are kept. A row whose last score is its lowest was still learning. Chosen: the
-temperature or noise of each seed; lower ones close more lips ([log](log/2026-11-28-face-temperature.md)).
+Lower is better; bold: the weights that are kept. A row whose last score is its lowest was still learning. Faces are
+sampled at the temperature of the last column, a factor on the noise of the VAE ([how they were
+chosen](log/2026-11-28-face-temperature-rule.md)).
 
 """
 
@@ -213,7 +214,7 @@ def differences(rows: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def learning(rows: Mapping[str, Mapping[str, Any]]) -> str:
-    """Scores on val of the networks while they learnt, and what was chosen there."""
+    """Scores on val of the networks while they learnt, and their temperatures."""
     learnt = {name: rows[name][LEARNING] for name in TITLES if LEARNING in rows.get(name, {})}
     if not learnt:
         return ""
@@ -222,9 +223,8 @@ def learning(rows: Mapping[str, Mapping[str, Any]]) -> str:
     for name, each in learnt.items():
         lowest = min(each["scores"].values())
         cells = [_score(each["scores"].get(step), lowest) for step in steps]
-        chosen, tried = (", ".join(f"{value:g}" for value in each[key]) for key in ("chosen", "tried"))
-        lines.append([TITLES[name], *cells, f"{chosen} (of {tried})" if len(each["tried"]) > 1 else ""])
-    return LEARNING_TEXT + markdown_table(["", *(f"{step} steps" for step in steps), "chosen"], lines) + "\n\n"
+        lines.append([TITLES[name], *cells, f"{each['temperature']:g}" if each["temperature"] else ""])
+    return LEARNING_TEXT + markdown_table(["", *(f"{step} steps" for step in steps), "temperature"], lines) + "\n\n"
 
 
 def pictures(folder: Path) -> str:
@@ -275,12 +275,10 @@ def _summary(
 
 
 def _learning(seeds: Sequence[FaceRow]) -> dict[str, Any]:
-    """{"scores": {step: mean over seeds}, "chosen": the temperature of each seed, "tried": temperatures}."""
-    lowest = [min(each.by_temperature, key=each.by_temperature.__getitem__) for each in seeds]
+    """{"scores": {step: mean over seeds}, "temperature": that of all seeds}."""
     return {
         "scores": {step: float(np.mean([each.scores[step] for each in seeds])) for step in seeds[0].scores},
-        "chosen": [float(each) for each in lowest],
-        "tried": sorted(map(float, seeds[0].by_temperature)),
+        "temperature": seeds[0].temperature,
     }
 
 

@@ -173,9 +173,7 @@ def _face(training: Training, settings: FaceTaskSettings) -> Report:
         tokenizer = load_face_tokenizer(folder)
         tokenizer.basis.require_match(data.basis, str(folder), "pretrain it on this motion")
     task = FaceTask(settings, training.seed, data, tokenizer)
-    trained = training.run(task, settings, face_config(settings, data, tokenizer))
-    chosen = task.choose_temperature()
-    return Report(metrics={**training.write(trained, chosen), "temperature": float(task.module.temperature)})
+    return Report(metrics=training.write(training.run(task, settings, face_config(settings, data, tokenizer))))
 
 
 def _face_data(training: Training) -> FaceData:

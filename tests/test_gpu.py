@@ -143,7 +143,6 @@ def test_models_of_the_face(name: str, tokenizers: Any) -> None:
     task = FaceTask(settings, 0, data(), tokenizer_for(name, tokenizers))
     with fake_gpu():
         learn(task, settings.loop)
-        task.choose_temperature()
 
 
 @pytest.mark.parametrize("name", HEADS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -81,13 +80,9 @@ def test_head_and_gaze_equal_those_of_torch(folder: Path, speaker: int | None) -
     np.testing.assert_allclose(alone.gaze[0], found.gaze[1], atol=1e-5)
 
 
-@pytest.mark.parametrize(("frames", "guidance"), [(1, 1.0), (300, 1.0), (300, 1.7)])  # more than a block of attention
-def test_faces_equal_those_of_torch(folder: Path, tmp_path: Path, frames: int, guidance: float) -> None:
-    place, speech, seeds = tmp_path / "probtalk3d", embedding(frames), [1, 2]
-    shutil.copytree(folder.parent / "probtalk3d", place)
-    config = json.loads((place / "config.json").read_text())
-    config["model"]["face"]["emotion_guidance"] = guidance
-    (place / "config.json").write_text(json.dumps(config))
+@pytest.mark.parametrize("frames", [1, 300])  # more than a block of attention
+def test_faces_equal_those_of_torch(folder: Path, frames: int) -> None:
+    place, speech, seeds = folder.parent / "probtalk3d", embedding(frames), [1, 2]
     torch_generator = load_face_generator(place)
     generator = load_face_model(place, torch_generator.basis)
     assert isinstance(generator, NumpyFaceGenerator)

@@ -17,7 +17,6 @@ from torch import Tensor, nn
 from talkingeyes.core.settings import Settings
 from talkingeyes.models.face.autoencoder import FaceAutoencoder
 from talkingeyes.models.face.generator import FACE_GENERATORS, FaceComponentSettings, FaceGenerator
-from talkingeyes.models.face.latent import LatentFace
 from talkingeyes.models.face.style import StyleInput, StyleVocabulary
 from talkingeyes.models.speech_projection import SpeechProjection, SpeechProjectionSettings
 
@@ -40,8 +39,8 @@ class SpeechToFaceSettings(Settings):
     speaker_dropout: Annotated[float, Field(ge=0, lt=1)]
     face: FaceComponentSettings
     weights: dict[str, Annotated[float, Field(ge=0)]]
-    # Candidate temperatures, chosen on val; a single one is used as it is.
-    temperatures: tuple[Annotated[float, Field(ge=0)], ...]
+    # Temperature of sampling; of the VAE: factor on the noise (docs/log/2026-11-28-face-temperature-rule.md).
+    temperature: Annotated[float, Field(ge=0)]
 
 
 @dataclass(frozen=True)
@@ -59,9 +58,8 @@ class FaceBatch:
 
 
 class SpeechToFace(nn.Module):
-    """The whole model. `temperature` is chosen on val after training; faces are limited to `min_face` .. `max_face`."""
+    """The whole model. Faces are limited to `min_face` .. `max_face`."""
 
-    temperature: Tensor
     min_face: Tensor
     max_face: Tensor
     style_columns: Tensor
@@ -86,7 +84,6 @@ class SpeechToFace(nn.Module):
             with torch.no_grad():
                 self.style.weight[:, shown] = STYLE_SD * torch.randn(settings.speech.width, len(shown))
         self.face: FaceGenerator = FACE_GENERATORS.build(settings.face, settings.speech.width, face_dim, tokenizer)
-        self.register_buffer("temperature", torch.tensor(settings.temperatures[0]))
         self.register_buffer("min_face", torch.full((face_dim,), -torch.inf))
         self.register_buffer("max_face", torch.full((face_dim,), torch.inf))
 
@@ -97,7 +94,7 @@ class SpeechToFace(nn.Module):
 
     def loss_terms(self, batch: FaceBatch) -> dict[str, Tensor]:
         """All loss terms and their weighted sum, `total`. Terms without a weight are only reported."""
-        batch = batch.to(self.temperature.device)
+        batch = batch.to(self.min_face.device)
         loss_terms = self.face.loss_terms(
             self._stylised_speech(batch.speech, self._drop_speakers(batch.style)), batch.face
         )
@@ -112,16 +109,11 @@ class SpeechToFace(nn.Module):
         seeds: list[int],
         temperature: float | None = None,
     ) -> Float[Tensor, "B T F"]:
-        """Faces of one speech with a style (a vector for all frames, or one per frame), one row per seed."""
-        device = self.temperature.device
-        speech, chosen = embedding[None].to(device), float(self.temperature) if temperature is None else temperature
-        fused = self._stylised_speech(speech, style[None].to(device))
-        if isinstance(self.face, LatentFace) and self.face.settings.emotion_guidance != 1:
-            without = torch.from_numpy(self.vocabulary.without_emotion(style.cpu().numpy()))
-            neutral = self._stylised_speech(speech, without[None].to(device))
-            faces = self.face.sample(fused, seeds, chosen, neutral)
-        else:
-            faces = self.face.sample(fused, seeds, chosen)
+        """Faces of one speech with a style (a vector for all frames, or one per frame), one row per seed. `temperature`
+        None: that of the settings."""
+        device = self.min_face.device
+        fused = self._stylised_speech(embedding[None].to(device), style[None].to(device))
+        faces = self.face.sample(fused, seeds, self.settings.temperature if temperature is None else temperature)
         return faces.clamp(self.min_face, self.max_face)
 
     def _stylised_speech(

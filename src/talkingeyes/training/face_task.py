@@ -72,22 +72,13 @@ class FaceTask:
 
     def validate(self) -> dict[str, float]:
         """Energy score of faces of the validation clips; the validation score is its negative."""
-        return self._metrics(float(self.module.temperature))
-
-    def choose_temperature(self) -> dict[str, float]:
-        """Set the temperature with the lowest energy score on val."""
-        found = {each: -self._metrics(each)["validation_score"] for each in self.settings.temperatures}
-        self.module.temperature.fill_(min(found, key=lambda each: found[each]))
-        return {f"energy_score/{each:g}": score for each, score in found.items()}
-
-    def _metrics(self, temperature: float) -> dict[str, float]:
         mean, scale = self._face_statistics.mean.numpy(), self._face_statistics.scale.numpy()
         scores, ratios = [], []
         for index, each in enumerate(self.validation_recordings):
             seeds = [index * VALIDATION_SAMPLES + sample for sample in range(VALIDATION_SAMPLES)]
             style = self.data.vocabulary.style_vector(self.data.vocabulary.style_of(each.clip))
             speech = torch.from_numpy(np.array(each.speech))
-            generated = self.module.generate(speech, torch.from_numpy(style[None]), seeds, temperature).cpu().numpy()
+            generated = self.module.generate(speech, torch.from_numpy(style[None]), seeds).cpu().numpy()
             true = (self.data.basis.to_vector(each.expression, each.jaw) - mean) / scale
             scores.append(float(energy_score((generated - mean) / scale, true).mean()))
             ratios.append(speed_ratio((generated - mean) / scale, true))

@@ -51,7 +51,7 @@ class NumpyFaceGenerator:
         self._decoder = WindowTransformer(tensors, f"{TOKENIZER}.decoder", network["decoder"])
         self._out = NumpyLinear(tensors, f"{TOKENIZER}.out")
         self._correlation_frames = bounded(face["correlation_frames"])
-        self._guidance = float(face["emotion_guidance"])
+        self._temperature = float(config["model"]["temperature"])
         style = [StyleKey(0.0, FaceStyle(None, "neutral", 0))]
         self.generate(np.zeros((2, len(tensors["speech.mean"])), np.float32), style, [0], 25.0)
 
@@ -61,12 +61,9 @@ class NumpyFaceGenerator:
         """Sample faces. Raises InputError for an unknown speaker. A seed gives the same face in any batch."""
         tensors, speech = self._tensors, self._speech(embedding)
         course = self.vocabulary.per_frame(style, len(embedding), fps, STYLE_FADE_S)
-        latents = self._latents_of(speech, course)
-        neutral = self.vocabulary.without_emotion(course)
-        if self._guidance != 1 and not np.array_equal(neutral, course):
-            without = self._latents_of(speech, neutral)
-            latents = without + self._guidance * (latents - without)
-        values = self._sample_codes(latents, seeds)
+        if self._style is not None:
+            speech = speech * self._style(course[None, :, tensors["style_columns"]])
+        values = self._sample_codes(self._latents(self._transformer(speech)), seeds)
         scale, mean = (tensors[f"{TOKENIZER}.normal.{name}"] for name in ("scale", "mean"))
         faces = self._out(self._decoder(values)) * scale + mean
         faces = faces.clip(tensors["min_face"], tensors["max_face"]).astype(float)
@@ -74,14 +71,9 @@ class NumpyFaceGenerator:
             fps, faces[..., -JAW_DIM:], faces[..., :-JAW_DIM], self.basis.expression_names, self.basis.head_model
         )
 
-    def _latents_of(self, speech: Float[ndarray, "1 T S"], style: Float[ndarray, "T D"]) -> Float[ndarray, "1 T L"]:
-        if self._style is not None:
-            speech = speech * self._style(style[None, :, self._tensors["style_columns"]])
-        return np.asarray(self._latents(self._transformer(speech)))
-
     def _sample_codes(self, latents: Float[ndarray, "1 T L"], seeds: list[int]) -> Float[ndarray, "S T L"]:
         """Values of codes sampled by the Gumbel-max trick (models/face/vqvae.py)."""
-        tensors, temperature = self._tensors, float(self._tensors["temperature"])
+        tensors, temperature = self._tensors, self._temperature
         codebook = tensors["face.tokenizer.quantiser.codebook"]
         codes, width = codebook.shape
         pieces = (latents * tensors["face.tokenizer.latent_scale"]).reshape(-1, width)

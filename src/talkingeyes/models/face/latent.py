@@ -26,8 +26,6 @@ class LatentFaceSettings(ComponentSettings):
     kind: Literal["latent"]
     transformer: WindowTransformerSettings
     correlation_frames: Annotated[int, Field(gt=0)]
-    # Factor on the difference that an emotion makes to the latents when faces are sampled; 1: as in the paper.
-    emotion_guidance: Annotated[float, Field(ge=0)]
 
 
 class LatentFace(nn.Module):
@@ -59,18 +57,9 @@ class LatentFace(nn.Module):
             **reconstruction(self.tokenizer.normal(reconstructed), self.tokenizer.normal(face)),
         }
 
-    def sample(
-        self,
-        speech: Float[Tensor, "1 T S"],
-        seeds: list[int],
-        temperature: float,
-        neutral: Float[Tensor, "1 T S"] | None = None,
-    ) -> Float[Tensor, "B T F"]:
-        """Generate all frames in parallel. `neutral`: speech with the style of a neutral face, for the guidance."""
+    def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
+        """Generate all frames in parallel."""
         latents = self._latents(speech)
-        if neutral is not None:
-            without = self._latents(neutral)
-            latents = without + self.settings.emotion_guidance * (latents - without)
         noise = self.tokenizer.noise(seeds, speech.shape[1], self.settings.correlation_frames)
         return self.tokenizer.decode(self.tokenizer.sample_decoder_inputs(latents, noise, temperature))
 

@@ -93,12 +93,6 @@ class StyleVocabulary:
             style_vector[len(self.speakers) + len(EMOTIONS) + style.intensity - 1] = 1
         return style_vector
 
-    def without_emotion(self, style_vectors: Float[ndarray, "*N D"]) -> Float[ndarray, "*N D"]:
-        """Style vectors of the same speakers with a neutral face."""
-        neutral, speakers = style_vectors.copy(), len(self.speakers)
-        neutral[..., speakers:] = self.style_vector(FaceStyle(None, NEUTRAL, 0))[speakers:]
-        return neutral
-
     def per_frame(self, keys: Sequence[StyleKey], frames: int, fps: float, fade_s: float) -> Float[ndarray, "T D"]:
         """C of every frame: each key from its onset on, faded in over `fade_s`; the first key also before its onset."""
         if not keys:
