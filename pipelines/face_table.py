@@ -111,8 +111,8 @@ LEARNING = "learning"
 LEARNING_TEXT = """### Energy score on val while learning
 
 Lower is better; bold: the weights that are kept. A row whose last score is its lowest was still learning. Faces are
-sampled at the temperature of the last column, a factor on the noise of the VAE ([how they were
-chosen](log/2026-11-28-face-temperature-rule.md)).
+sampled at the temperature of the last column, a factor on the noise of the VAE
+([log](log/2026-11-28-face-temperature-rule.md)).
 
 """
 

@@ -227,6 +227,21 @@ def other_encoder(path: Path) -> None:
     )
 
 
+def test_an_error_about_the_face_names_the_packed_file(place: Path, tmp_path: Path) -> None:
+    """As of a file of a version whose faces had other settings."""
+    path = tmp_path / "model.safetensors"
+    with open_model(PACKAGED_MODEL) as folder:
+        shutil.copytree(folder.parent, tmp_path / "models")
+    config = tmp_path / "models" / "probtalk3d" / "config.json"
+    content = json.loads(config.read_text())
+    del content["model"]["temperature"]
+    config.write_text(json.dumps(content))
+    pack([tmp_path / "models" / name for name in ("talkingeyes_events", "probtalk3d")], path)
+    with pytest.raises(InputError, match="not a face model of this version") as caught:
+        talkingeyes.animate(place / "a.wav", model=path)
+    assert str(caught.value).startswith(f"{path}/probtalk3d: ")
+
+
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [

@@ -97,7 +97,8 @@ def open_model(model: Path) -> Iterator[Path]:
         try:
             yield first
         except InputError as error:
-            raise InputError(str(error).replace(str(first), str(model))) from None
+            said = str(error).replace(str(first), str(model))
+            raise InputError(said.replace(place, str(model))) from None  # of a model beside the first
         finally:
             LOCAL_FILES_ONLY.reset(offline)
 
