@@ -84,9 +84,9 @@ Models: [face_models.md](face_models.md). Metrics and caveats: [face_measures.md
 Means over the seeds {seeds}, ten samples per sound, new speakers. Errors are on the vertices of the open head, in
 millimetres, against the true motion (its first take). [face_table.json](face_table.json) has both splits and all
 metrics, with 95 % intervals over sounds and the range of the seeds. Stage 2 has equal steps of 8 windows; VAE and codes
-have a stage 1 besides ([as many steps in all](face_models.md#results) make diffusion the better face). Codes over
-time have four times the steps of both stages, one clip each. The last column has the paper's values on 3DMEAD and
-FLAME, read as metres and square metres: compare the order of rows, not the values.
+have a stage 1 besides (diffusion with as many steps in all: [results](face_models.md#results)). Codes over time have
+four times the steps of both stages, one clip each. The last column has the paper's values on 3DMEAD and FLAME, read
+as metres and square metres: compare the order of rows, not the values.
 
 """
 SHOWN = {
