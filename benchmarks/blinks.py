@@ -19,7 +19,7 @@ from talkingeyes.audio.waveform import SILENT_DBFS, loudest_dbfs
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.orchestration.run import run_command
 
 ROOT = Path("build/real/corpus")
 MANUAL_BLINKS = Path(__file__).with_name("blinks_by_eye.csv")
@@ -101,5 +101,4 @@ def line(name: str, of: BlinkCounts) -> str:
 
 
 if __name__ == "__main__":
-    configure_environment()
-    main()
+    run_command(main)

@@ -18,7 +18,7 @@ from pipelines.fit import method_comparison, summarise
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.fitting.comparison import FitEvaluation, GroundTruth, evaluate_fit
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.orchestration.run import run_command
 from talkingeyes.physiology.blinks import PHYSIOLOGICAL
 from talkingeyes.synthesis.detector_noise import NoiseSettings
 from talkingeyes.synthesis.observations import CameraSettings, identity_weights, make_camera, observe
@@ -87,5 +87,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    configure_environment()
-    main()
+    run_command(main)

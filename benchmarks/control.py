@@ -33,7 +33,7 @@ from talkingeyes.core import rotation
 from talkingeyes.core.kinematics import gaze_in_space_speed_deg_s, head_speed_deg_s
 from talkingeyes.core.motion import Motion
 from talkingeyes.fitting.motion_style import MotionStyle, measure_style
-from talkingeyes.orchestration.run import configure_environment, run_command
+from talkingeyes.orchestration.run import run_command
 from talkingeyes.physiology import saccades
 from talkingeyes.physiology.blinks import PARTNER_END_S
 
@@ -301,5 +301,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    configure_environment()
     run_command(main)

@@ -21,7 +21,7 @@ from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.critic.evaluators import Evaluators
 from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS, apply_corruption
 from talkingeyes.evaluation.sensitivity.matrix import effect_size
-from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.orchestration.run import run_command
 
 ROOT = Path(__file__).resolve().parents[1]
 BOOTSTRAP = BootstrapSettings(n_resamples=1000, confidence_level=0.95, seed=0)
@@ -96,5 +96,4 @@ def _cell(row: MetricResult) -> str:
 
 
 if __name__ == "__main__":
-    configure_environment()
-    main(Path(sys.argv[1] if sys.argv[1:] else "data"))
+    run_command(lambda: main(Path(sys.argv[1] if sys.argv[1:] else "data")))

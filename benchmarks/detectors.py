@@ -36,7 +36,7 @@ from talkingeyes.evaluation.detectors.scoring import (
     event_mask,
     match_events,
 )
-from talkingeyes.orchestration.run import Workspace, configure_environment, run_command
+from talkingeyes.orchestration.run import Workspace, run_command
 from talkingeyes.physiology.blinks import end_s
 from talkingeyes.physiology.render import Sinusoids
 from talkingeyes.synthesis import plan
@@ -381,5 +381,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    configure_environment()
     run_command(main)

@@ -20,7 +20,7 @@ from talkingeyes.audio.encoder import EmbedSettings, make_encoder
 from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core.settings import validate_section
-from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.orchestration.run import run_command
 
 DURATIONS_S = (10, 60, 600)
 FPS = 25.0
@@ -56,7 +56,6 @@ def measure(settings: EmbedSettings, seconds: int) -> Cost:
 
 def main() -> None:
     """Measure each length in a separate process, so that memory peaks do not mix."""
-    configure_environment()
     spawn = multiprocessing.get_context("spawn")
     with spawn.Pool(1) as pool:  # in a process of its own, because a process inherits the peak of its parent
         settings = pool.apply(default_settings)
@@ -74,4 +73,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main)

@@ -39,7 +39,7 @@ from talkingeyes.head.eyelid.region import TEMPORAL_AXES, EyelidRegion, eyelid_r
 from talkingeyes.head.model import HeadModel
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
-from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.orchestration.run import run_command
 from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.view import Framing, OrbitCamera
 
@@ -200,5 +200,4 @@ def _percent(shares: ExplainedVariance) -> str:
 
 
 if __name__ == "__main__":
-    configure_environment()
-    main()
+    run_command(main)

@@ -28,7 +28,7 @@ from talkingeyes.fitting.accuracy import ErrorSums, FitReference
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.fitting.comparison import blink_frames
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.orchestration.run import run_command
 from talkingeyes.physiology import saccades as main_sequence_model
 
 AMPLITUDE_DEG, TOLERANCE_S = 2.0, 0.08
@@ -120,5 +120,4 @@ def peak_over_main_sequence(found: Saccades, fps: float) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    configure_environment()
-    main()
+    run_command(main)

@@ -20,7 +20,7 @@ from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, PupilObservat
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.landmarks import head_to_scene, pupil_centres
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.orchestration.run import run_command
 
 CAMERA = Camera(focal_px=1154 * 0.925, centre_px=(112.0, 120.0), distance_m=1.0, width=224, height=224)
 FRAMES = 220
@@ -72,5 +72,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    configure_environment()
-    main()
+    run_command(main)

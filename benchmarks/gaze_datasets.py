@@ -41,7 +41,7 @@ from talkingeyes.evaluation.detectors.scoring import (
     match_events,
 )
 from talkingeyes.evaluation.detectors.signal import runs
-from talkingeyes.orchestration.run import Workspace, configure_environment, run_command
+from talkingeyes.orchestration.run import Workspace, run_command
 
 FOLDER = Path(__file__).resolve().parents[2] / "shared/data/real/gaze"
 CLIPS = 60  # of the synthetic truth, for comparison
@@ -264,5 +264,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    configure_environment()
     run_command(main)

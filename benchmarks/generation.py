@@ -25,7 +25,7 @@ import numpy as np
 
 from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
 from talkingeyes.audio.waveform import read_speech
-from talkingeyes.orchestration.run import configure_environment, run_command
+from talkingeyes.orchestration.run import run_command
 
 if TYPE_CHECKING:
     from torch.nn import Module
@@ -177,5 +177,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    configure_environment()
     run_command(main)

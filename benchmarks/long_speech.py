@@ -19,7 +19,7 @@ import soundfile
 
 from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
-from talkingeyes.orchestration.run import configure_environment, run_command
+from talkingeyes.orchestration.run import run_command
 
 MODEL = Path("data", "train", "talkingeyes_events")
 SECONDS = 3600
@@ -73,5 +73,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    configure_environment()
     run_command(main)

@@ -28,7 +28,7 @@ from tqdm import tqdm
 
 from talkingeyes.orchestration.mlflow_logging import MethodResult, Report, log_run
 from talkingeyes.orchestration.mlflow_view import TEST_METRICS
-from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.orchestration.run import run_command
 
 METRICS, REPEATS = 57, 5
 
@@ -103,7 +103,6 @@ def seconds(function: Callable[[], Any], server: int) -> tuple[float, float]:
 def main() -> None:
     """Fill the database, start the server, run the queries."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
-    configure_environment()
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         fill(root, 1)  # creates the database
@@ -130,4 +129,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main)

@@ -31,7 +31,7 @@ from talkingeyes.evaluation.sensitivity.matrix import (
     split_takes,
     train_pool_encoder,
 )
-from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.orchestration.run import run_command
 from talkingeyes.synthesis.sketched_clips import SketchedClip, sketch_clips
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -321,5 +321,4 @@ def _written(cell: CorruptionEffect) -> str:
 
 
 if __name__ == "__main__":
-    configure_environment()
-    main()
+    run_command(main)

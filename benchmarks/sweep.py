@@ -17,7 +17,7 @@ from pipelines.experiment import stage_order
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.mlflow_logging import log_run
 from talkingeyes.orchestration.result_store import StoredResult, get_or_run
-from talkingeyes.orchestration.run import MethodResult, Report, Workspace, configure_environment, run_command
+from talkingeyes.orchestration.run import MethodResult, Report, Workspace, run_command
 from talkingeyes.orchestration.stage_graph import StageCall, required_calls, stage_calls
 
 
@@ -103,5 +103,4 @@ def _ask(root: Path, expected: int) -> None:
 
 
 if __name__ == "__main__":
-    configure_environment()
     run_command(main)

@@ -21,7 +21,7 @@ from pathlib import Path
 from pipelines.synthesize import SoundJob, sound_jobs, synthesize_sound, synthesize_speech, synthesize_takes
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.orchestration.run import run_command
 from talkingeyes.synthesis import plan
 from talkingeyes.synthesis.observations import identity_weights, make_camera, observe
 from talkingeyes.synthesis.plan import SynthesizeSettings
@@ -116,5 +116,4 @@ def measure(settings: SynthesizeSettings, job: SoundJob, spent_s: defaultdict[st
 
 
 if __name__ == "__main__":
-    configure_environment()
-    main()
+    run_command(main)

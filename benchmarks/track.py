@@ -18,9 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.orchestration.run import run_command
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.sources import find_videos
 from talkingeyes.tracking.video import probe_video
@@ -96,8 +95,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    configure_environment()
-    try:
-        child(Path(sys.argv[2])) if sys.argv[1:2] == ["--child"] else main()
-    except InputError as error:
-        sys.exit(f"error: {error}")
+    run_command(lambda: child(Path(sys.argv[2])) if sys.argv[1:2] == ["--child"] else main())

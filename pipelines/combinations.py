@@ -13,7 +13,6 @@ counted. Outside the default pipeline.
 
 from __future__ import annotations
 
-import importlib
 import json
 import sys
 import time
@@ -193,6 +192,4 @@ def _line(name: str, seeds: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 if __name__ == "__main__":
-    run_command(
-        importlib.import_module("pipelines.combinations").main
-    )  # by module name, so that worker processes can import `_measure`
+    run_command(main)

@@ -188,6 +188,4 @@ class _WithoutEcho:
 
 
 if __name__ == "__main__":
-    run_command(
-        importlib.import_module("pipelines.experiment").main
-    )  # by module name, so that worker processes can import `job`
+    run_command(main)

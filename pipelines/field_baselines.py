@@ -11,7 +11,6 @@ Each baseline (pipelines/field_generators.py) is sampled on the sounds of test a
 
 from __future__ import annotations
 
-import importlib
 import inspect
 import json
 import sys
@@ -359,5 +358,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    # By module name, so that worker processes can import `_sample`.
-    run_command(importlib.import_module("pipelines.field_baselines").main)
+    run_command(main)

@@ -11,7 +11,6 @@ other.
 
 from __future__ import annotations
 
-import importlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -105,6 +104,4 @@ def _trial(study: OptunaStudy, trial: Any, overrides: Sequence[str]) -> float:
 
 
 if __name__ == "__main__":
-    run_command(
-        importlib.import_module("pipelines.pruned_sweep").main
-    )  # by module name, so that worker processes can import `run_trials`
+    run_command(main)

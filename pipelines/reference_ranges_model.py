@@ -18,7 +18,6 @@ behind the eyes, which needs true events.
 from __future__ import annotations
 
 import argparse
-import importlib
 import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -396,6 +395,4 @@ def cell(reference_range: ReferenceRange, found: Measurement | None) -> str:
 
 
 if __name__ == "__main__":
-    run_command(
-        importlib.import_module("pipelines.reference_ranges_model").main
-    )  # by module name, so that worker processes can import `extract`
+    run_command(main)

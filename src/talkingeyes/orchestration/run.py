@@ -26,6 +26,7 @@ from talkingeyes.orchestration.mlflow_logging import MethodResult, Report, log_r
 S = TypeVar("S", bound=Settings)
 A = TypeVar("A")
 B = TypeVar("B")
+Function = TypeVar("Function", bound=Callable[..., object])
 
 
 __all__ = [
@@ -214,6 +215,7 @@ def configure_environment() -> None:
 def run_command(command: Callable[[], None]) -> NoReturn:
     """Run a command and exit: status 2 and one line on stderr for an InputError, 130 when interrupted."""
     configure_environment()
+    command = _by_module_name(command)
     try:
         command()
     except InputError as error:
@@ -225,13 +227,21 @@ def run_command(command: Callable[[], None]) -> NoReturn:
     sys.exit(0)
 
 
+def _by_module_name(function: Function) -> Function:
+    """The function of a program run by `python -m`, from its module: worker processes cannot import from `__main__`."""
+    program = sys.modules["__main__"].__spec__
+    if program is None or function.__module__ != "__main__":
+        return function
+    named: Function = getattr(importlib.import_module(program.name), function.__name__, function)
+    return named
+
+
 def main(run: Stage) -> NoReturn:
     """Command of a stage in the current folder; a stage over named items takes the name as its only argument."""
     expected = required_arguments(run)
     given = sys.argv[1:]
     stage = Path(inspect.getfile(run)).stem
-    if run.__module__ == "__main__":  # worker processes import the functions of the script by name
-        run = importlib.import_module(f"pipelines.{stage}").run
+    run = _by_module_name(run)
 
     def command() -> None:
         if len(given) != len(expected):

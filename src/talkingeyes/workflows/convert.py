@@ -19,7 +19,7 @@ from talkingeyes.animation.line_of_sight import check_forward_axis, to_forward_a
 from talkingeyes.core import output_folder
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
-from talkingeyes.workflows.render import load_head, retarget_to_head
+from talkingeyes.workflows.render import check_output_file, film, load_head, retarget_to_head
 
 if TYPE_CHECKING:
     from talkingeyes.animation.animation import Animation
@@ -103,7 +103,7 @@ def export(
     if frame is not None and named not in MESH_FORMATS:
         raise InputError(f"frame: should be used with {' and '.join(MESH_FORMATS)} only, got {named}")
     check_forward_axis(eyes)
-    output_path = _target(Path(out), FORMATS[named].suffix, force)
+    output_path = check_output_file(Path(out), FORMATS[named].suffix, force)
     shown, events = _motion_and_events(motion)
     if keys is not None:
         from talkingeyes.animation.event_keys import apply_key_edits, load_keys
@@ -119,7 +119,7 @@ def export(
     if named in MESH_FORMATS:
         shown = _single_frame(shown, frame or 0)
     if named == "mp4":
-        return _film(shown, output_path, head, model, sound, eyes)
+        return film(shown, output_path, head=head, model=model, sound=sound, eyes=eyes)
     try:
         write_motion(shown, events, named, output_path, head, model, eyes)
     except OSError as error:
@@ -239,7 +239,9 @@ def import_files(
     if single and len(found) > 1:
         raise InputError(f"{out}: should be a folder for {len(found)} files")
     output_path = (
-        _target(Path(out), ".npz", force) if single else output_folder.output_path(Path(out), OWN_FILES, force)
+        check_output_file(Path(out), ".npz", force)
+        if single
+        else output_folder.output_path(Path(out), OWN_FILES, force)
     )
     key_map = None if mapping is None else load_key_map(Path(mapping))
     done = []
@@ -308,17 +310,3 @@ def _events_beside(motion: Path) -> Events | None:
     from talkingeyes.animation.event_keys import load_original
 
     return load_original(path)
-
-
-def _film(
-    motion: Motion, output_path: Path, head: str, model: Path | str | None, sound: Path | str | None, eyes: str
-) -> Motion:
-    from talkingeyes.workflows.render import film
-
-    return film(motion, output_path, head=head, model=model, sound=sound, eyes=eyes)
-
-
-def _target(out: Path, suffix: str, force: bool) -> Path:
-    from talkingeyes.workflows.render import check_output_file
-
-    return check_output_file(out, suffix, force)

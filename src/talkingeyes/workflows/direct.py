@@ -9,19 +9,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
-
-from jaxtyping import Float
-from numpy import ndarray
 
 from talkingeyes.animation.controls import Controls, Liveliness
+from talkingeyes.animation.conversation_states import AUTO, StateTrack, load_states
+from talkingeyes.animation.motion_resampling import resample_motion
+from talkingeyes.animation.part_overrides import PartOverrides
+from talkingeyes.animation.targets import TargetTrack, constant_target, load_targets
+from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core.errors import InputError
-
-if TYPE_CHECKING:
-    from talkingeyes.animation.conversation_states import StateTrack
-    from talkingeyes.animation.targets import TargetTrack
-    from talkingeyes.core.motion import Motion
-    from talkingeyes.fitting.motion_style import MotionStyle
+from talkingeyes.core.motion import Events, Motion
+from talkingeyes.fitting.motion_style import MotionStyle, measure_style
+from talkingeyes.models.face.style import FaceStyle, StyleKey
 
 TRACK_SUFFIXES = (".json", ".csv")
 DEFAULT_INTENSITY = 2
@@ -57,16 +55,12 @@ def make_controls(
 
     Raises InputError (one line) for invalid arguments.
     """
-    from talkingeyes.animation.part_overrides import PartOverrides
-    from talkingeyes.core.motion import Motion
-    from talkingeyes.models.face.style import FaceStyle, StyleKey
-
     return Controls(
         blinks=blinks,
         targets=None if target is None else _track(target),
         eye_contact=eye_contact,
         liveliness=Liveliness(head, gaze, blinking),
-        partner=None if partner is None else _partner_speech(partner),
+        partner=None if partner is None else read_speech(partner),
         states=None if states is None else _states(states),
         person=person,
         style=None if style is None else _motion_style(style),
@@ -84,29 +78,17 @@ def default_intensity(emotion: str, intensity: int | None) -> int:
 
 
 def _track(target: Path | str) -> TargetTrack:
-    from talkingeyes.animation.targets import constant_target, load_targets
-
     return load_targets(target) if Path(target).suffix.lower() in TRACK_SUFFIXES else constant_target(str(target))
 
 
 def _states(states: Path | str) -> StateTrack | str:
-    from talkingeyes.animation.conversation_states import AUTO, load_states
-
     return AUTO if str(states) == AUTO else load_states(states)
-
-
-def _partner_speech(partner: Path | str) -> Float[ndarray, " N"]:
-    from talkingeyes.audio.waveform import read_speech
-
-    return read_speech(partner)
 
 
 def _motion_style(style: Path | str) -> MotionStyle | str:
     """The style of a motion, or the name of a speaker whose style the model contains."""
     if Path(style).suffix != ".npz":
         return str(style)
-    from talkingeyes.core.motion import Motion
-
     motion = Motion.load(Path(style))
     try:
         return measure_clip_style(motion)
@@ -116,8 +98,4 @@ def _motion_style(style: Path | str) -> MotionStyle | str:
 
 def measure_clip_style(clip: Motion) -> MotionStyle:
     """The style of a reference clip of any frame rate; saccades are counted at 25 frames a second, as the model's."""
-    from talkingeyes.animation.motion_resampling import resample_motion
-    from talkingeyes.core.motion import Events
-    from talkingeyes.fitting.motion_style import measure_style
-
     return measure_style(resample_motion(clip, Events(), STYLE_FPS))
