@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from talkingeyes.animation import line_of_sight
 from talkingeyes.animation.line_of_sight import to_forward_axes
-from talkingeyes.apps.viewer.assets import NAMES, asset
+from talkingeyes.apps.viewer.assets import ASSETS_FOLDER, NAMES
 from talkingeyes.apps.viewer.pose_encoding import POSE_COLUMNS, pose_rows
 from talkingeyes.apps.viewer.scene import traces, waveform_peaks
 from talkingeyes.apps.viewer.server import viewer_app
@@ -140,7 +140,7 @@ def test_pages_load_nothing_from_elsewhere() -> None:
     for name in NAMES:
         if name == "three.js":
             continue
-        text = asset(name).content.decode()
+        text = (ASSETS_FOLDER / name).read_text()
         assert "//cdn" not in text
         assert "http:" not in text
         assert "https:" not in text
@@ -302,6 +302,9 @@ def test_the_player_is_valid_javascript() -> None:
     for name in NAMES:
         if name.endswith(".js") and name != "three.js":
             checked = subprocess.run(
-                [node, "--input-type=module", "--check"], check=False, input=asset(name).content, capture_output=True
+                [node, "--input-type=module", "--check"],
+                check=False,
+                input=(ASSETS_FOLDER / name).read_bytes(),
+                capture_output=True,
             )
             assert checked.returncode == 0, checked.stderr

@@ -39,21 +39,15 @@ from talkingeyes.apps.service.api_page import (
 from talkingeyes.apps.service.live_stream import StreamServer
 from talkingeyes.apps.service.result_cache import ResultCache
 from talkingeyes.apps.service.worker_pool import BusyError, WorkerFailedError, WorkerPool
-from talkingeyes.apps.viewer.assets import Asset, asset
-from talkingeyes.apps.viewer.local_server import create_app
+from talkingeyes.apps.viewer.assets import ASSETS_FOLDER as VIEWER_FOLDER
+from talkingeyes.apps.viewer.assets import Asset, read_assets
+from talkingeyes.apps.viewer.local_server import create_app, serve_files
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
 from talkingeyes.formats.editors.face_file import SUFFIXES
 
 ASSETS = Path(__file__).parent / "assets"
-SERVICE_ASSETS = {
-    "": "text/html; charset=utf-8",
-    "live.js": "text/javascript",
-    "microphone.js": "text/javascript",
-    "recorder.js": "text/javascript",
-    "waveform.js": "text/javascript",
-    "live.css": "text/css",
-}
+SERVICE_ASSETS = ("live.html", "live.js", "microphone.js", "recorder.js", "waveform.js", "live.css")
 SOUND = "sound file itself (wav, flac, ogg, mp3, m4a, webm)"
 ERRORS: dict[int | str, dict[str, Any]] = {
     413: {"model": ErrorReply, "description": "The file is too large"},
@@ -210,10 +204,7 @@ async def _body(request: Request, limits: Limits, what: str, refused: tuple[str,
 
 
 def _pages(app: FastAPI, resources: ServiceResources, limits: Limits) -> None:
-    files = {name: asset(name) for name in VIEWER_ASSETS}
-    files |= {
-        name: Asset((ASSETS / (name or "live.html")).read_bytes(), media) for name, media in SERVICE_ASSETS.items()
-    }
+    files = read_assets(VIEWER_FOLDER, VIEWER_ASSETS) | read_assets(ASSETS, SERVICE_ASSETS)
     files["head.glb"] = Asset(resources.head, "model/gltf-binary")
 
     @app.get("/service.json", summary="What this service offers", response_description="Formats, speakers and limits")
@@ -235,9 +226,4 @@ def _pages(app: FastAPI, resources: ServiceResources, limits: Limits) -> None:
     async def docs(request: Request) -> Response:
         return HTMLResponse(api_page(app.openapi(), str(request.base_url).rstrip("/")))
 
-    @app.get("/{name:path}", include_in_schema=False)
-    async def page(name: str) -> Response:
-        found = files.get(name)
-        if found is None:
-            raise HTTPException(404, f"should be one of the service's own files, got {name[:100]!r}")
-        return Response(found.content, media_type=found.media)
+    serve_files(app, files)

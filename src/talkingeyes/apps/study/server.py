@@ -5,21 +5,23 @@ The server alone knows the conditions: the page gets two opaque film names and s
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Literal
 
-from fastapi import FastAPI, HTTPException, Request, Response
+from fastapi import FastAPI, HTTPException, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
 from pydantic import ValidationError
 
 from talkingeyes.apps.study.answers import Participant
-from talkingeyes.apps.study.assets import page_assets
 from talkingeyes.apps.study.study_folder import Study
-from talkingeyes.apps.viewer.local_server import LOCALHOST, create_app
+from talkingeyes.apps.viewer.assets import read_assets
+from talkingeyes.apps.viewer.local_server import LOCALHOST, create_app, serve_files
 from talkingeyes.core.containers import parse_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
 
+ASSETS = Path(__file__).parent / "assets"
 MAX_BODY_BYTES = 4096  # maximum size of a request
 
 
@@ -33,7 +35,6 @@ class PairResponse(Settings):
 def study_app(study: Study, host: str = LOCALHOST) -> FastAPI:
     """The application of one study."""
     app = create_app(host)
-    pages = page_assets()
 
     @app.post("/api/begin")
     def register() -> dict[str, str]:
@@ -57,12 +58,7 @@ def study_app(study: Study, host: str = LOCALHOST) -> FastAPI:
             raise HTTPException(404, f"should be a film of this study, got {name[:100]!r}")
         return FileResponse(study.film(name), media_type="video/mp4")
 
-    @app.get("/{name:path}")
-    def page(name: str) -> Response:
-        if name not in pages:
-            raise HTTPException(404, f"should be a page of the study, got {name[:100]!r}")
-        return Response(pages[name].content, media_type=pages[name].media)
-
+    serve_files(app, read_assets(ASSETS, ("study.css", "study.html", "study.js")))
     return app
 
 

@@ -1,12 +1,12 @@
-"""Files of the viewer's page, in the folder beside this module; only these names are served.
+"""Files of a page, kept in memory, and those of the viewer's, in the folder beside this module.
 
 three.js is release 180 with its glTF loader and orbit controls as one ES module (MIT; NOTICE says where it is from).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 ASSETS_FOLDER = Path(__file__).parent / "assets"
@@ -22,10 +22,10 @@ class Asset:
     media: str
 
 
-@cache
-def asset(name: str) -> Asset:
-    """Read one of NAMES. Raises KeyError for any other name."""
-    if name not in NAMES:
-        raise KeyError(name)
-    path = ASSETS_FOLDER / name
-    return Asset(path.read_bytes(), MEDIA_TYPES[path.suffix])
+def read_assets(folder: Path, names: Iterable[str]) -> dict[str, Asset]:
+    """Files of a folder by the name that a browser requests: the page itself, the one in HTML, has none."""
+    paths = [folder / name for name in names]
+    return {
+        "" if path.suffix == ".html" else path.name: Asset(path.read_bytes(), MEDIA_TYPES[path.suffix])
+        for path in paths
+    }

@@ -10,10 +10,11 @@ from __future__ import annotations
 import contextlib
 import secrets
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
+from talkingeyes.apps.viewer.assets import Asset
 from talkingeyes.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,6 +54,17 @@ def create_app(host: str = LOCALHOST, stream_origins: Sequence[str] = ()) -> Fas
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=_host_names(host), www_redirect=False)
     app.add_middleware(SecurityHeadersMiddleware)
     return app
+
+
+def serve_files(app: FastAPI, files: Mapping[str, Asset]) -> None:
+    """Answer all requests that no route of `app` answers yet with these files, by name."""
+    from fastapi import HTTPException, Response
+
+    @app.get("/{name:path}", include_in_schema=False, response_model=None)
+    async def file(name: str) -> Response:
+        if name not in files:
+            raise HTTPException(404, f"should be one of the server's own files, got {name[:100]!r}")
+        return Response(files[name].content, media_type=files[name].media)
 
 
 def _check_origin(origin: str) -> None:

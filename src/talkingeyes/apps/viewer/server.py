@@ -9,8 +9,8 @@ import io
 import json
 from typing import TYPE_CHECKING
 
-from talkingeyes.apps.viewer.assets import NAMES, Asset, asset
-from talkingeyes.apps.viewer.local_server import LOCALHOST, create_app
+from talkingeyes.apps.viewer.assets import ASSETS_FOLDER, NAMES, Asset, read_assets
+from talkingeyes.apps.viewer.local_server import LOCALHOST, create_app, serve_files
 from talkingeyes.apps.viewer.pose_encoding import head_glb, pose_rows
 from talkingeyes.apps.viewer.scene import Scene, scene_json
 from talkingeyes.audio.waveform import SAMPLE_RATE
@@ -22,25 +22,14 @@ if TYPE_CHECKING:
 
 def viewer_app(scene: Scene, head: HeadModel, host: str = LOCALHOST) -> FastAPI:
     """The application that shows a scene on a head."""
-    from fastapi import HTTPException, Response
-
-    files = page_files(scene, head)
     app = create_app(host)
-
-    @app.get("/{name:path}")
-    def file(name: str) -> Response:
-        found = files.get(name)
-        if found is None:
-            raise HTTPException(404, f"should be one of the viewer's own files, got {name[:100]!r}")
-        return Response(found.content, media_type=found.media)
-
+    serve_files(app, page_files(scene, head))
     return app
 
 
 def page_files(scene: Scene, head: HeadModel) -> dict[str, Asset]:
     """All files by the name that the page requests."""
-    files = {name: asset(name) for name in NAMES}
-    files[""] = files.pop("view.html")
+    files = read_assets(ASSETS_FOLDER, NAMES)
     files["head.glb"] = Asset(head_glb(head), "model/gltf-binary")
     files["scene.json"] = Asset(json.dumps(scene_json(scene)).encode(), "application/json")
     for index, viewer_motion in enumerate(scene.viewer_motions):
