@@ -12,21 +12,16 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from talkingeyes.core.errors import InputError
+from benchmarks.table8 import Case, read_cases
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import gaze_in_space, gaze_to_angles
-from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.detectors import scoring
 from talkingeyes.evaluation.detectors.saccades import Saccades, detect_saccades
 from talkingeyes.fitting.accuracy import ErrorSums, FitReference
 from talkingeyes.fitting.clip import FitSettings, fit_clip
-from talkingeyes.fitting.comparison import blink_frames
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import run_command
 from talkingeyes.physiology import saccades as main_sequence_model
@@ -45,62 +40,37 @@ VARIANTS: dict[str, tuple[str, ...]] = {
 }
 
 
-@dataclass(frozen=True)
-class Case:
-    """Ground truth of a clip."""
-
-    clip: Clip
-    motion: Motion
-    blinking: np.ndarray
-    saccades: Saccades
-
-
 def main() -> None:
     """Print the table."""
-    root = Path((sys.argv[1:2] or ["data/synthesize"])[0])
-    if not sys.argv[1:] and not root.exists():  # make bench
-        print("fit_variants: no corpus in data/synthesize (make repro), nothing to measure")
+    cases = read_cases(sys.argv[1:])
+    if not cases:
         return
-    split, count = (sys.argv[2:3] or ["val"])[0], int((sys.argv[3:4] or ["4"])[0])
-    corpus = Corpus(root)
-    clips = corpus.select(split, take=0)[:count]
-    if not corpus.has_truth or not clips:
-        raise InputError(f"fit_variants: {root} should have truth and clips of {split}, got {len(clips)} clips")
-    cases = [case_of(corpus, clip) for clip in clips]
-    print(f"{len(cases)} clips of {split}; frames without blinks")
     print(f"{'':<20}{'error px':>9}{'ratio':>7}{'degrees':>9}{'peaks':>7}{'seq., spread':>13}{'found':>8}{'true':>7}")
-    print(line("truth", corpus, cases, [case.motion for case in cases]))
+    print(line("truth", cases, [case.motion for case in cases]))
     for name, overrides in VARIANTS.items():
         settings = FitSettings.model_validate(compose(list(overrides))["fit"])
-        fits = [fit_clip(corpus.observation(case.clip), settings).motion for case in cases]
-        print(line(name, corpus, cases, fits), flush=True)
+        fits = [fit_clip(case.observation, settings).motion for case in cases]
+        print(line(name, cases, fits), flush=True)
 
 
-def case_of(corpus: Corpus, clip: Clip) -> Case:
-    """Ground truth of a clip, with the saccades detectable at its frame rate."""
-    motion, events = corpus.truth(clip), corpus.truth_events(clip)
-    blinking = blink_frames(events, len(motion), motion.fps)
-    return Case(clip, motion, blinking, saccades_of(motion, blinking))
+def saccades_of(motion: Motion, without_blinks: np.ndarray) -> Saccades:
+    """Saccades of the mean direction of both eyes in space, outside blinks, detectable at the frame rate."""
+    return detect_saccades(gaze_in_space(motion.head, motion.gaze).mean(axis=1), motion.fps, without_blinks)
 
 
-def saccades_of(motion: Motion, blinking: np.ndarray) -> Saccades:
-    """Saccades of the mean direction of both eyes in space, outside blinks."""
-    return detect_saccades(gaze_in_space(motion.head, motion.gaze).mean(axis=1), motion.fps, ~blinking)
-
-
-def line(name: str, corpus: Corpus, cases: Sequence[Case], motions: Sequence[Motion]) -> str:
+def line(name: str, cases: Sequence[Case], motions: Sequence[Motion]) -> str:
     """A row, pooled over clips."""
     total, truth, matched = ErrorSums(), ErrorSums(), scoring.DetectionCounts()
     degrees, peaks = [], []
     for case, motion in zip(cases, motions, strict=True):
-        seen = corpus.observation(case.clip)
-        reference = FitReference(seen.pupils, seen.camera, ~case.blinking, case.motion, case.motion)
+        seen, open_eyes = case.observation, case.without_blinks
+        reference = FitReference(seen.pupils, seen.camera, open_eyes, case.motion, case.motion)
         total, truth = total + reference.error_sums(motion), truth + reference.error_sums(case.motion)
         apart = gaze_to_angles(motion.gaze) - gaze_to_angles(case.motion.gaze)
-        degrees.append(np.degrees(np.linalg.norm(apart, axis=-1))[~case.blinking].ravel())
-        found = saccades_of(motion, case.blinking)
-        large, known = (each.amplitude_deg >= AMPLITUDE_DEG for each in (found, case.saccades))
-        matched += scoring.count_matches(found.onset_s[large], case.saccades.onset_s[known], TOLERANCE_S)
+        degrees.append(np.degrees(np.linalg.norm(apart, axis=-1))[open_eyes].ravel())
+        found, true = saccades_of(motion, open_eyes), saccades_of(case.motion, open_eyes)
+        large, known = (each.amplitude_deg >= AMPLITUDE_DEG for each in (found, true))
+        matched += scoring.count_matches(found.onset_s[large], true.onset_s[known], TOLERANCE_S)
         peaks.append(peak_over_main_sequence(found, motion.fps))
     ratios = np.concatenate(peaks)
     spread = np.log(ratios).std() if len(ratios) else float("nan")

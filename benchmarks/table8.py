@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
@@ -58,19 +58,31 @@ class Case:
     motion: Motion
     events: Events
 
+    @property
+    def without_blinks(self) -> Bool[ndarray, " T"]:
+        """The frames outside true blinks."""
+        return ~blink_frames(self.events, len(self.motion), self.motion.fps)
+
+
+def read_cases(arguments: list[str]) -> list[Case]:
+    """Clips by [CORPUS [SPLIT [CLIPS]]]; none, with a message, if there is no default corpus."""
+    root, split, count = [*arguments[:3], *("data/synthesize", "val", "4")[len(arguments) :]]
+    if not arguments and not Path(root).exists():  # make bench
+        print(f"no corpus in {root} (make repro), nothing to measure")
+        return []
+    corpus = Corpus(Path(root))
+    clips = corpus.select(split, take=0)[: int(count)]
+    if not corpus.has_truth or not clips:
+        raise InputError(f"{root}: should have truth and clips of {split}, got {len(clips)} clips")
+    print(f"{len(clips)} clips of {split}; frames without blinks")
+    return [Case(corpus.observation(clip), corpus.truth(clip), corpus.truth_events(clip)) for clip in clips]
+
 
 def main() -> None:
     """Print the table."""
-    root = Path((sys.argv[1:2] or ["data/synthesize"])[0])
-    if not sys.argv[1:] and not root.exists():  # make bench
-        print("table8: no corpus in data/synthesize (make repro), nothing to measure")
+    cases = read_cases(sys.argv[1:])
+    if not cases:
         return
-    split, count = (sys.argv[2:3] or ["val"])[0], int((sys.argv[3:4] or ["4"])[0])
-    corpus = Corpus(root)
-    clips = corpus.select(split, take=0)[:count]
-    if not corpus.has_truth or not clips:
-        raise InputError(f"table8: {root} should have truth and clips of {split}, got {len(clips)} clips")
-    cases = [Case(corpus.observation(clip), corpus.truth(clip), corpus.truth_events(clip)) for clip in clips]
     network = train()
     noise = NoiseSettings.model_validate(compose()["synthesize"]["noise"])
     coarse = [reobserved(case, noise, index) for index, case in enumerate(cases)]
@@ -83,7 +95,6 @@ def main() -> None:
         "paper, coarse": lambda: fitted(coarse, "fit=paper"),
         "default, coarse": lambda: fitted(coarse, "fit=default"),
     }
-    print(f"{len(cases)} clips of {split}, {sum(len(case.motion) for case in cases)} frames; frames without blinks")
     print(
         f"{'method':<22}{'error px':>9}{'px/s':>7}{'ratio':>7}{'degrees':>9}{'peaks':>7}{'blinks: precision, recall':>28}"  # noqa: E501
     )
@@ -108,7 +119,7 @@ def score_method(cases: list[Case], results: list[FitResult | Motion]) -> Score:
     total, angles = ErrorSums(), []
     for case, result in zip(cases, results, strict=True):
         motion = result.motion if isinstance(result, FitResult) else result
-        frame_mask = ~blink_frames(case.events, len(motion), motion.fps)
+        frame_mask = case.without_blinks
         pupils_px = case.observation.pupils
         total += FitReference(pupils_px, case.observation.camera, frame_mask, case.motion, case.motion).error_sums(
             motion
