@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from pipelines.evaluate_face import REAL_ROWS, FaceInputPaths, has_face, has_face_samples, measure_faces
+from pipelines.evaluate_face import REAL_ROWS, has_face, has_face_samples, measure_faces
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.fitted_clips import motion_path
@@ -66,7 +66,7 @@ from talkingeyes.evaluation.paper_metrics.summary import (
     clip_metrics,
     summarise,
 )
-from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
+from talkingeyes.orchestration.run import InputPaths, Report, Workspace, main, parallel_map
 
 SPLITS = ("test", "unseen")
 # Speeds at which the distribution is written.
@@ -75,19 +75,6 @@ SPEEDS_DEG_S = np.geomspace(0.1, 1000, 81)
 MAX_TRAINING_SOUNDS = 3000
 # Starting a process takes as long as evaluating about twenty sounds.
 SOUNDS_PER_PROCESS = 40
-
-
-@dataclass(frozen=True)
-class InputPaths:
-    """Paths of the inputs of a row."""
-
-    row: str
-    corpus: Path
-    fit: Path
-    embed: Path
-    critic: Path
-    sample: Path
-    benchmark_samples: int  # samples per sound in the benchmark
 
 
 @dataclass(frozen=True)
@@ -105,23 +92,15 @@ def run(workspace: Workspace, name: str, training: Workspace | None = None) -> R
     `training`: where the train split is, for a corpus without one.
     """
     settings = workspace.settings("evaluate", EvaluateSettings)
-    data = workspace.data
-    paths = InputPaths(
-        name,
-        workspace.corpus,
-        data("fit"),
-        data("embed"),
-        data("critic"),
-        data("sample", name),
-        settings.benchmark_samples,
-    )
+    paths = workspace.input_paths(name)
     found: dict[str, dict[str, list[ClipMetrics]]] = {split: {part: [] for part in CRITICS} for split in SPLITS}
     work = held_out_sounds(paths, settings)
     of_face = has_face_samples(paths.sample)
     eyes = [] if of_face else work
     evaluators = Evaluators.load(paths.critic) if eyes else None
     jobs = min(workspace.jobs, 1 + len(work) // SOUNDS_PER_PROCESS)
-    measured = parallel_map(partial(evaluate, paths, evaluators), eyes, jobs, f"evaluate {name}")
+    task = partial(evaluate, paths, evaluators, settings.benchmark_samples)
+    measured = parallel_map(task, eyes, jobs, f"evaluate {name}")
     benchmark, aversions = PairedAccumulator(), list[SoundAversion]()
     for item, one in zip(eyes, measured, strict=True):
         if one is None:
@@ -144,7 +123,7 @@ def run(workspace: Workspace, name: str, training: Workspace | None = None) -> R
             of_aversion = _aversion(training or workspace, name, aversions, settings)
             (folder / "aversion.json").write_text(json.dumps(of_aversion, indent=1))
         _write_speeds(folder / "speed.csv", found)
-    return Report(metrics=_flat(figures), artifacts=[data("evaluate", name, "metrics.json")])
+    return Report(metrics=_flat(figures), artifacts=[workspace.data("evaluate", name, "metrics.json")])
 
 
 def _aversion(
@@ -176,10 +155,9 @@ def _faces(
     paths: InputPaths, work: Sequence[SoundGroup], settings: EvaluateSettings, jobs: int
 ) -> dict[str, dict[str, Estimate]]:
     """Metrics of the face, by split; empty if motions have no face."""
-    places = FaceInputPaths(paths.row, paths.corpus, paths.fit, paths.sample, settings.seed)
-    if not work or not has_face(places, work[0].takes[0]):
+    if not work or not has_face(paths, work[0].takes[0]):
         return {}
-    measured = measure_faces(places, [item.takes for item in work], jobs)
+    measured = measure_faces(paths, [item.takes for item in work], jobs, settings.seed)
     pairs = list(zip(work, measured, strict=True))
     by_split = {split: [one for item, one in pairs if item.takes[0].split == split] for split in SPLITS}
     return {split: summarise_face(ones, settings.bootstrap) for split, ones in by_split.items() if ones}
@@ -236,20 +214,24 @@ def evaluate_sound(paths: InputPaths, evaluators: Evaluators, item: SoundGroup) 
     return EvaluatedSound(case, samples, true, speech, others, scores, clip_metrics(case, scores, fitted_corr_scores))
 
 
-def evaluate(paths: InputPaths, evaluators: Evaluators | None, item: SoundGroup) -> SoundResult | None:
+def evaluate(
+    paths: InputPaths, evaluators: Evaluators | None, benchmark_samples: int, item: SoundGroup
+) -> SoundResult | None:
     """Metrics of one sound and its benchmark statistics; None if the row has no motion for it."""
     assert evaluators is not None
     seen = evaluate_sound(paths, evaluators, item)
     if seen is None:
         return None
-    motion_sets = _compared(paths, item, seen.samples, seen.true)
+    motion_sets = _compared(paths, item, seen.samples, seen.true, benchmark_samples)
     counts = sound_statistics(
         motion_sets, seen.scores, evaluators.critics, evaluators.encoder, seen.speech, seen.others
     )
     return SoundResult(seen.figures, counts, sound_aversion(item.clip.speaker, motion_sets.evaluated))
 
 
-def _compared(paths: InputPaths, item: SoundGroup, samples: Samples, true: list[Motion] | None) -> MotionSets:
+def _compared(
+    paths: InputPaths, item: SoundGroup, samples: Samples, true: list[Motion] | None, count: int
+) -> MotionSets:
     annotation = Corpus(paths.corpus).annotation(item.clip)
     of_truth = motion_behaviours(true or (), annotation)
     if of_truth and paths.row == "truth":
@@ -260,7 +242,6 @@ def _compared(paths: InputPaths, item: SoundGroup, samples: Samples, true: list[
         fits = motion_behaviours(
             [Motion.load(shard_path(paths.fit / "motion", take.id, ".npz")) for take in item.takes], annotation
         )
-    count = paths.benchmark_samples
     first_samples = Samples(samples.fps, samples.head[:count], samples.gaze[:count])
     return pair_with_truth(
         fits if paths.row == "fitted" else sample_behaviours(first_samples, annotation), of_truth or fits

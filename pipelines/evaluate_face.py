@@ -8,7 +8,6 @@ Reads the corpus, data/fit, for a model data/sample/<model>. Not a command.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 
@@ -24,22 +23,11 @@ from talkingeyes.evaluation.face.emotion import EmotionClassifier, emotion_featu
 from talkingeyes.evaluation.face.summary import FaceCase, FaceMetrics, crop_faces, face_metrics
 from talkingeyes.evaluation.face.surface import FaceSurface
 from talkingeyes.head.anny import anny_head
-from talkingeyes.orchestration.run import parallel_map
+from talkingeyes.orchestration.run import InputPaths, parallel_map
 
 # Starting a process takes as long as evaluating this number of faces.
 FACES_PER_PROCESS = 400
 REAL_ROWS = ("truth", "fitted")
-
-
-@dataclass(frozen=True)
-class FaceInputPaths:
-    """Paths of the inputs; `seed` of the random halves for diversity."""
-
-    row: str
-    corpus: Path
-    fit: Path
-    sample: Path
-    seed: int
 
 
 def has_face_samples(sample: Path) -> bool:
@@ -51,24 +39,24 @@ def has_face_samples(sample: Path) -> bool:
         return "jaw" in file.files
 
 
-def has_face(paths: FaceInputPaths, clip: Clip) -> bool:
+def has_face(paths: InputPaths, clip: Clip) -> bool:
     """Whether motions of the corpus have an expression, even if it is neutral."""
     return bool(Motion.load(shard_path(paths.fit / "motion", clip.id, ".npz")).expression_names)
 
 
 def measure_faces(
-    paths: FaceInputPaths, sounds: Sequence[Sequence[Clip]], jobs: int, training: FaceInputPaths | None = None
+    paths: InputPaths, sounds: Sequence[Sequence[Clip]], jobs: int, seed: int, training: InputPaths | None = None
 ) -> list[FaceMetrics]:
-    """Metrics of each sound; `sounds` holds the fitted takes of each, take 0 first.
+    """Metrics of each sound; `sounds` holds the fitted takes of each, take 0 first; `seed` of the halves for diversity.
 
     `training`: where the train split is, for a corpus without one.
     """
     classifier = train_emotion_classifier(training or paths, min(jobs, 1 + len(sounds) // FACES_PER_PROCESS))
-    measure = partial(_measure, paths, classifier)
+    measure = partial(_measure, paths, classifier, seed)
     return list(parallel_map(measure, list(sounds), jobs, f"evaluate {paths.row}: face"))
 
 
-def train_emotion_classifier(paths: FaceInputPaths, jobs: int) -> EmotionClassifier | None:
+def train_emotion_classifier(paths: InputPaths, jobs: int) -> EmotionClassifier | None:
     """Train the classifier on the train split; None if it has fewer than two emotions."""
     clips = Corpus(paths.corpus).select("train")
     if len({clip.emotion for clip in clips}) < 2:
@@ -84,7 +72,7 @@ def _surface() -> FaceSurface:
     return FaceSurface(anny_head())
 
 
-def _features(paths: FaceInputPaths, clip: Clip) -> Float[ndarray, " F"] | None:
+def _features(paths: InputPaths, clip: Clip) -> Float[ndarray, " F"] | None:
     corpus = Corpus(paths.corpus)
     path = shard_path(paths.fit / "motion", clip.id, ".npz")
     if not corpus.has_truth and not path.exists():
@@ -93,7 +81,7 @@ def _features(paths: FaceInputPaths, clip: Clip) -> Float[ndarray, " F"] | None:
     return np.asarray(emotion_features(_surface(), stack_faces([motion]))[0])
 
 
-def _measure(paths: FaceInputPaths, classifier: EmotionClassifier | None, takes: Sequence[Clip]) -> FaceMetrics:
+def _measure(paths: InputPaths, classifier: EmotionClassifier | None, seed: int, takes: Sequence[Clip]) -> FaceMetrics:
     corpus, clip = Corpus(paths.corpus), takes[0]
     fitted = [Motion.load(shard_path(paths.fit / "motion", take.id, ".npz")) for take in takes]
     true = [corpus.truth(take) for take in takes] if corpus.has_truth else fitted
@@ -110,7 +98,7 @@ def _measure(paths: FaceInputPaths, classifier: EmotionClassifier | None, takes:
         valid=true[0].valid[:frames],
         annotation=corpus.annotation(clip),
         sound=corpus.speech(clip),
-        seed=(paths.seed, *clip.id.encode()),
+        seed=(seed, *clip.id.encode()),
     )
     return face_metrics(_surface(), classifier, case)
 

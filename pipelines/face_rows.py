@@ -12,8 +12,8 @@ from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from pipelines.evaluate import InputPaths, held_out_sounds
-from pipelines.evaluate_face import FaceInputPaths, measure_faces
+from pipelines.evaluate import held_out_sounds
+from pipelines.evaluate_face import measure_faces
 from pipelines.table_runs import METRICS_FILE, RowResult, read_seed_results
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.evaluation.face.articulation import ArticulationMetrics
@@ -58,13 +58,9 @@ class FaceRow:
 def measure(call: StageCall, workspace: Workspace) -> Report:
     """Metrics of a row, sound by sound."""
     settings = workspace.settings("evaluate", EvaluateSettings)
-    (row,), data = call.names, workspace.data
-    places = (workspace.corpus, data("fit"), data("embed"), data("critic"), data("sample", row))
-    sounds = [
-        item.takes for item in held_out_sounds(InputPaths("fitted", *places, settings.benchmark_samples), settings)
-    ]
-    paths = FaceInputPaths(row, workspace.corpus, data("fit"), data("sample", row), settings.seed)
-    figures = measure_faces(paths, sounds, workspace.jobs)
+    (row,) = call.names
+    sounds = [item.takes for item in held_out_sounds(workspace.input_paths("fitted"), settings)]
+    figures = measure_faces(workspace.input_paths(row), sounds, workspace.jobs, settings.seed)
     records = [_record(takes[0].split, one) for takes, one in zip(sounds, figures, strict=True)]
     with workspace.output(call.stage, row) as folder:
         (folder / METRICS_FILE).write_text(json.dumps({"columns": COLUMNS, "sounds": records}))

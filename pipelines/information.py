@@ -34,7 +34,7 @@ from talkingeyes.evaluation.model_selection.validation_metrics import ValidateSe
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.speech_projection import SpeechProjectionSettings
 from talkingeyes.models.waveform_encoder import WaveformSpeechSettings
-from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main, parallel_map
+from talkingeyes.orchestration.run import CHECKSUMS_FILE, InputPaths, Report, Workspace, main, parallel_map
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
 from talkingeyes.training.execution import ExecutionContext
 from talkingeyes.training.motion_generators import NetworkGenerator, load_generator
@@ -42,17 +42,6 @@ from talkingeyes.training.motion_task import MotionTask, MotionTaskSettings, Tra
 
 SPLITS = ("val", "test", "unseen")
 Figures = dict[str, dict[str, dict[str, dict[str, float]]]]  # {split: {sound: {figure: estimate}}}
-
-
-@dataclass(frozen=True)
-class InputPaths:
-    """Paths of the inputs of a model and its twin."""
-
-    corpus: Path
-    fit: Path
-    embed: Path
-    model: Path
-    without_speech: Path
 
 
 @dataclass(frozen=True)
@@ -69,13 +58,13 @@ def run(workspace: Workspace, name: str) -> Report:
     """Train the twin, and score in parallel over sounds."""
     settings, data = workspace.settings("validate", ValidateSettings), workspace.data
     without_speech = _train_without_speech(workspace, name)
-    corpus, fit, embed = workspace.corpus, data("fit"), data("embed")
-    sounds = group_sounds(Corpus(corpus), fit, embed, SPLITS, 1, settings.seed)
+    paths = workspace.input_paths(name)
+    sounds = group_sounds(Corpus(paths.corpus), paths.fit, paths.embed, SPLITS, 1, settings.seed)
     with workspace.output("information", name) as folder:
         (folder / "without_speech").mkdir()
         without_speech.save(folder / "without_speech")
-        paths = InputPaths(corpus, fit, embed, data("train", name), folder / "without_speech")
-        work = parallel_map(partial(score_sound, paths), sounds, workspace.jobs, f"information {name}")
+        task = partial(score_sound, paths, folder / "without_speech")
+        work = parallel_map(task, sounds, workspace.jobs, f"information {name}")
         figures = summarise(list(work), settings)
         (folder / "metrics.json").write_text(json.dumps(figures, indent=1))
     without_speech.resume.remove()
@@ -116,7 +105,7 @@ def summarise(found: Sequence[SoundLikelihoods], settings: ValidateSettings) -> 
     return figures
 
 
-def score_sound(paths: InputPaths, sound: SoundGroup) -> SoundLikelihoods:
+def score_sound(paths: InputPaths, without_speech: Path, sound: SoundGroup) -> SoundLikelihoods:
     """Likelihoods of the fitted motion of one sound."""
     recording, *others = Recordings([sound.clip, *sound.others], paths.fit, paths.embed)
     speech = np.array(recording.speech)
@@ -125,7 +114,7 @@ def score_sound(paths: InputPaths, sound: SoundGroup) -> SoundLikelihoods:
         sound.clip.split,
         _score(paths, paths.model, recording, speech),
         None if other is None else _score(paths, paths.model, recording, other),
-        _score(paths, paths.without_speech, recording, speech),
+        _score(paths, without_speech, recording, speech),
     )
 
 

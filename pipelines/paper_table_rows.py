@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from pipelines.evaluate import SPLITS, InputPaths, evaluate_sound, held_out_sounds
+from pipelines.evaluate import SPLITS, evaluate_sound, held_out_sounds
 from pipelines.table_runs import METRICS_FILE
 from talkingeyes.core.progress import progress_bar
 from talkingeyes.corpus.recordings import Recordings
@@ -21,7 +21,7 @@ from talkingeyes.evaluation.critic.evaluators import Evaluators
 from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
 from talkingeyes.evaluation.tables.definitions import REFERENCES
 from talkingeyes.evaluation.tables.row_metrics import SoundMetrics, high_frequency_motion, sound_metrics
-from talkingeyes.orchestration.run import Report, Workspace
+from talkingeyes.orchestration.run import InputPaths, Report, Workspace
 from talkingeyes.orchestration.stage_graph import StageCall
 from talkingeyes.training.motion_generators import Speech, generate_batch, load_generator
 
@@ -43,8 +43,7 @@ def measure_row(call: StageCall, workspace: Workspace) -> Report:
     """Metrics of a row: `sounds` and `long`, by split a list of {"speaker": name, "metrics": {metric: value}}."""
     settings = workspace.settings("evaluate", EvaluateSettings)
     (row,), data = call.names, workspace.data
-    places = (workspace.corpus, data("fit"), data("embed"), data("critic"), data("sample", row))
-    paths = InputPaths(row, *places, settings.benchmark_samples)
+    paths = workspace.input_paths(row)
     work = held_out_sounds(paths, settings)
     evaluators = Evaluators.load(paths.critic) if work else None
     sounds: dict[str, list[Measured]] = {split: [] for split in SPLITS}

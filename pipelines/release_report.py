@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from pipelines import embed, evaluate, fit, sample, synthesize
-from pipelines.evaluate_face import FaceInputPaths, measure_faces
+from pipelines.evaluate_face import measure_faces
 from pipelines.report import aversion_table
 from talkingeyes.animation.face import find_face_model
 from talkingeyes.animation.model_file import (
@@ -164,14 +164,11 @@ def _sounds(workspace: Workspace) -> list[SoundGroup]:
 def _language_table(workspace: Workspace) -> str:
     """The default model by language: Corr. under the own sound less that under other sounds, and what the sounds tell
     about averted gaze, beside what they tell about that of the truth."""
-    data, settings = workspace.data, workspace.settings("validate", ValidateSettings)
+    settings = workspace.settings("validate", ValidateSettings)
     corpus = Corpus(workspace.corpus)
     name, sounds = DEFAULT, _sounds(workspace)
-    critic = data("critic")
-    paths = evaluate.InputPaths(
-        name, workspace.corpus, data("fit"), data("embed"), critic, data("sample", name), benchmark_samples=1
-    )
-    measure = partial(evaluate.evaluate_sound, paths, Evaluators.load(critic))
+    paths = workspace.input_paths(name)
+    measure = partial(evaluate.evaluate_sound, paths, Evaluators.load(paths.critic))
     evaluated = [each for each in parallel_map(measure, sounds, workspace.jobs, "languages") if each is not None]
     assert len(evaluated) == len(sounds), "a model has motion for every sound"
     languages = [sound.clip.language for sound in sounds]
@@ -201,14 +198,13 @@ def _language_table(workspace: Workspace) -> str:
 
 def _face_table(workspace: Workspace, training: Workspace, name: str) -> str:
     """The packaged face by language, each value beside that of fitted motion."""
-    data, settings = workspace.data, workspace.settings("validate", ValidateSettings)
+    settings = workspace.settings("validate", ValidateSettings)
     sounds = [group.takes for group in _sounds(workspace)]
     languages = [takes[0].language for takes in sounds]
     measured = {}
     for row in (name, "fitted"):
-        paths = FaceInputPaths(row, workspace.corpus, data("fit"), data("sample", name), settings.seed)
-        of_training = replace(paths, corpus=training.corpus, fit=training.data("fit"))
-        measured[row] = measure_faces(paths, sounds, workspace.jobs, of_training)
+        paths, of_training = workspace.input_paths(row), training.input_paths(row)
+        measured[row] = measure_faces(paths, sounds, workspace.jobs, settings.seed, of_training)
     lines = []
     for language in sorted(set(languages)):
         found = {

@@ -56,7 +56,7 @@ from talkingeyes.evaluation.model_selection.validation_metrics import (
 )
 from talkingeyes.evaluation.paper_metrics.l2_diversity import diversity
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING
-from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
+from talkingeyes.orchestration.run import InputPaths, Report, Workspace, main, parallel_map
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
 from talkingeyes.training.motion_generators import (
     NetworkGenerator,
@@ -70,18 +70,6 @@ from talkingeyes.training.motion_generators import (
 
 BATCH_SOUNDS = 16
 REFERENCES = ("truth", "fitted", "mismatched")
-
-
-@dataclass(frozen=True)
-class InputPaths:
-    """Paths of the inputs of validation."""
-
-    row: str
-    corpus: Path
-    fit: Path
-    embed: Path
-    critic: Path
-    model: Path
 
 
 @dataclass(frozen=True)
@@ -118,8 +106,7 @@ class SoundValidation:
 def run(workspace: Workspace, name: str) -> Report:
     """Validate in parallel over clips; each clip has its own seeds."""
     settings = workspace.settings("validate", ValidateSettings)
-    data = workspace.data
-    paths = InputPaths(name, workspace.corpus, data("fit"), data("embed"), data("critic"), data("train", name))
+    paths = workspace.input_paths(name)
     with workspace.output("validate", name) as folder:
         work, benchmark = _sounds(paths, settings), PairedAccumulator()
         batches = [work[first : first + BATCH_SOUNDS] for first in range(0, len(work), BATCH_SOUNDS)]
@@ -131,7 +118,7 @@ def run(workspace: Workspace, name: str) -> Report:
         figures = _figures(found, table) if found else {}
         (folder / "metrics.json").write_text(json.dumps(figures, indent=1))
         (folder / "benchmark.json").write_text(table.json())
-    return Report(metrics=figures, artifacts=[data("validate", name, "metrics.json")])
+    return Report(metrics=figures, artifacts=[workspace.data("validate", name, "metrics.json")])
 
 
 def _figures(found: Sequence[SoundValidation], table: BenchmarkTable) -> dict[str, float]:

@@ -134,9 +134,7 @@ def test_rows_beside_the_models(workspace):
     assert "diversity" not in found["fitted"]
     assert found["mismatched"]["diversity"] > 0
     assert found["fitted"]["dynamics_distance"] < found["mismatched"]["dynamics_distance"]
-    paths = validate.InputPaths(
-        "truth", workspace.corpus, *(workspace.data(name) for name in ("fit", "embed", "critic", "none"))
-    )
+    paths = workspace.input_paths("truth")
     settings = workspace.settings("validate", ValidateSettings)
     sounds = validate._sounds(paths, settings)
     takes = [len(sound.takes) for sound in sounds]

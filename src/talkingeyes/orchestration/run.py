@@ -51,6 +51,19 @@ SEAL = "SEALED"  # file in a corpus that only the report of a release may read
 
 
 @dataclass(frozen=True)
+class InputPaths:
+    """What worker processes read for a row of a report; `sample` and `model` exist for generators only."""
+
+    row: str
+    corpus: Path
+    fit: Path
+    embed: Path
+    critic: Path
+    sample: Path
+    model: Path
+
+
+@dataclass(frozen=True)
 class Workspace:
     """A folder with data/ and the resolved composition (params.yaml) that produces it.
 
@@ -109,6 +122,12 @@ class Workspace:
     def data(self, *parts: str) -> Path:
         """A path under data/."""
         return self.root.joinpath("data", *parts)
+
+    def input_paths(self, row: str) -> InputPaths:
+        """The paths that worker processes read for a row of a report."""
+        data = self.data
+        own = data("sample", row), data("train", row)
+        return InputPaths(row, self.corpus, data("fit"), data("embed"), data("critic"), *own)
 
     @contextmanager
     def output(self, *parts: str, fingerprint: str | None = None) -> Iterator[Path]:
