@@ -16,7 +16,7 @@ import numpy as np
 from talkingeyes.models.speech_to_pose import SpeechToPose
 from talkingeyes.orchestration.config import compose
 from talkingeyes.training.checkpoint import load
-from talkingeyes.training.pose_generators import pose_network
+from talkingeyes.training.motion_generators import pose_network
 from talkingeyes.training.pose_task import PoseTaskSettings
 
 CHANNELS = 291  # of the default encoder

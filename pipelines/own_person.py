@@ -37,7 +37,6 @@ from talkingeyes.training.motion_generators import (
     NetworkGenerator,
     Speech,
     TrainedGenerator,
-    generate_batch,
     load_generator,
     required_inputs,
     training_speakers,
@@ -105,7 +104,7 @@ def measure(workspace: Workspace, speaker: str) -> str:
     for name, title in ROWS.items():
         generator = load_generator(workspace.data("train", name))
         speeches = _speeches(generator, clips["test"], samples)
-        styles = [ClipStyle.of(each.head, each.gaze) for each in generate_batch(generator, speeches)]
+        styles = [ClipStyle.of(each.head, each.gaze) for each in generator.generate_batch(speeches)]
         compared = compare_styles(styles, person, settings, same_clips=True)
         if name == "packaged":
             speeches = [replace(each, conditioning=NO_CONDITIONING) for each in speeches]

@@ -23,7 +23,7 @@ from talkingeyes.evaluation.tables.definitions import REFERENCES
 from talkingeyes.evaluation.tables.row_metrics import SoundMetrics, high_frequency_motion, sound_metrics
 from talkingeyes.orchestration.run import InputPaths, Report, Workspace
 from talkingeyes.orchestration.stage_graph import StageCall
-from talkingeyes.training.motion_generators import Speech, generate_batch, load_generator
+from talkingeyes.training.motion_generators import Speech, load_generator
 
 # Long motions for Table VI: one for the concatenated sounds of each speaker, up to this length; speakers per split.
 LONG_S, LONG_SPEAKERS = 60.0, 12
@@ -82,7 +82,7 @@ def _long(model: Path, paths: InputPaths, work: Sequence[SoundGroup]) -> list[Me
         own = [clip for clip in clips if clip.speaker == speaker]
         speech = _concatenated_speech(Recordings(own, paths.fit, paths.embed), int(LONG_S * own[0].fps))
         speeches.append(Speech(speech, [number], own[0].fps))
-    motions = generate_batch(generator, speeches) if speeches else []
+    motions = generator.generate_batch(speeches) if speeches else []
     return [
         _measured(speaker, high_frequency_motion(each.head[0], each.gaze[0], each.fps))
         for speaker, each in zip(speakers, motions, strict=True)

@@ -27,7 +27,6 @@ from talkingeyes.training.model_folder import is_face_model
 from talkingeyes.training.motion_generators import (
     Speech,
     TrainedGenerator,
-    generate_batch,
     load_generator,
     required_inputs,
     training_speakers,
@@ -83,7 +82,7 @@ def _sample(
             provider.clip_inputs(clip, len(embedding)) if provider else NO_CONDITIONING
             for clip, embedding in zip(clips, embeddings, strict=True)
         ]
-        found = generate_batch(generator, list(map(Speech, embeddings, seeds, fps, inputs)))
+        found = generator.generate_batch(list(map(Speech, embeddings, seeds, fps, inputs)))
     for clip, samples in zip(clips, found, strict=True):
         samples.save(make_shard_path(folder, clip.id, ".npz"))
     return settings.samples * sum(map(len, embeddings))

@@ -37,8 +37,8 @@ from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.video import write_video
 from talkingeyes.rendering.view import FRAMINGS
 from talkingeyes.training.checkpoint import load
+from talkingeyes.training.motion_generators import pose_network
 from talkingeyes.training.pgface_task import pgface_network
-from talkingeyes.training.pose_generators import pose_network
 from talkingeyes.workflows.render import check_output_file
 
 SIZE_PX = 512

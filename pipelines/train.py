@@ -44,11 +44,11 @@ from talkingeyes.training.loop import TrainingTask, train
 from talkingeyes.training.motion_generators import (
     HeadThenGazeSettings,
     network_config,
+    pose_config,
     save_head_then_gaze,
 )
 from talkingeyes.training.motion_task import MotionTask, MotionTaskSettings, TrainSettings
 from talkingeyes.training.pgface_task import PGFaceTask, PGFaceTaskSettings, pgface_config, read_shape_recording
-from talkingeyes.training.pose_generators import pose_config
 from talkingeyes.training.pose_task import PoseTask, PoseTaskSettings
 from talkingeyes.training.resume import ResumeFile
 

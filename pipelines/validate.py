@@ -62,7 +62,6 @@ from talkingeyes.training.motion_generators import (
     NetworkGenerator,
     Speech,
     TrainedGenerator,
-    generate_batch,
     load_generator,
     required_inputs,
     training_speakers,
@@ -168,7 +167,7 @@ def validate_sounds(
         speeches.append(Speech(np.array(fitted.speech), seeds.tolist(), clip.fps, conditioning))
     found = []
     for sound, given, sampled, (fitted, *others) in zip(
-        sounds, speeches, generate_batch(generator, speeches), clips, strict=True
+        sounds, speeches, generator.generate_batch(speeches), clips, strict=True
     ):
         likelihood = (
             generator.log_likelihood(given.embedding, fitted.head, fitted.gaze, given.conditioning)

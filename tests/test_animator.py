@@ -17,9 +17,9 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.kinematics import gaze_in_space_speed_deg_s
 from talkingeyes.core.motion import Blink, Saccade
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs
 from talkingeyes.physiology import saccades
 from talkingeyes.physiology.frame_saccades import find_saccades
+from talkingeyes.training.motion_generators import Speech, TrainedGenerator
 
 
 def scene(onsets_s: list[float], amplitude_deg: float, fps: float, seconds: float = 4.0) -> tuple[Any, Any]:
@@ -116,14 +116,12 @@ class FakeEncoder:
         return np.zeros((int(len(sound) * fps // 16_000), 1), np.float32)
 
 
-class FakeGenerator:
-    def generate(
-        self, embedding: Any, seeds: list[int], fps: float, conditioning: ConditioningInputs = NO_CONDITIONING
-    ) -> Samples:
-        frames = len(embedding)
-        walks = [np.random.default_rng(seed).normal(0, 0.01, (frames, 3)).cumsum(0) * 0.1 for seed in seeds]
+class FakeGenerator(TrainedGenerator):
+    def sample(self, speech: Speech) -> Samples:
+        frames = len(speech.embedding)
+        walks = [np.random.default_rng(seed).normal(0, 0.01, (frames, 3)).cumsum(0) * 0.1 for seed in speech.seeds]
         head = np.stack(walks)
-        return Samples(fps, head, np.zeros((len(seeds), frames, 2, 3)))
+        return Samples(speech.fps, head, np.zeros((len(walks), frames, 2, 3)))
 
 
 PERFORMER = Animator(FakeEncoder(), FakeGenerator(), 25.0)

@@ -21,10 +21,10 @@ from talkingeyes.training.motion_generators import (
     HeadThenGazeSettings,
     load_generator,
     network_config,
+    pose_config,
     save_head_then_gaze,
 )
 from talkingeyes.training.motion_task import MotionTaskSettings
-from talkingeyes.training.pose_generators import pose_config
 
 NAMES = [str(index) for index in range(CHANNELS)]
 SPEECH = {"channels": None, "width": 16, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0}

@@ -25,6 +25,7 @@ from talkingeyes.corpus.samples import Samples
 from talkingeyes.fitting.motion_style import MotionStyle, load_speakers, mean_style, measure_style, save_speakers
 from talkingeyes.physiology import eye_head, saccades
 from talkingeyes.physiology.blinks import PAPER
+from talkingeyes.training.motion_generators import Speech, TrainedGenerator
 from talkingeyes.workflows.direct import measure_clip_style
 
 CONTEXT = AnimationContext(Controls())
@@ -108,11 +109,12 @@ def test_large_gaze_shifts_evoke_blinks() -> None:
 def test_gaze_evoked_blinks_are_not_removed_by_others() -> None:
     """Gaze shifts by 25 degrees and back every two seconds, for a speaker with a high blink rate."""
 
-    class Aside:
-        def generate(self, embedding: Any, seeds: list[int], fps: float, conditioning: Any = None) -> Samples:
-            gaze = np.zeros((len(seeds), len(embedding), 2, 3))
-            gaze[..., 1] = np.radians(25.0) * (np.arange(len(embedding)) // 50 % 2)[:, None]
-            return Samples(fps, np.zeros((len(seeds), len(embedding), 3)), gaze)
+    class Aside(TrainedGenerator):
+        def sample(self, speech: Speech) -> Samples:
+            samples, frames = len(speech.seeds), len(speech.embedding)
+            gaze = np.zeros((samples, frames, 2, 3))
+            gaze[..., 1] = np.radians(25.0) * (np.arange(frames) // 50 % 2)[:, None]
+            return Samples(speech.fps, np.zeros((samples, frames, 3)), gaze)
 
     aside = replace(PERFORMER, generator=Aside())
     asked = Controls(liveliness=Liveliness(blinks=2.0), no_postprocessing=True)

@@ -20,6 +20,7 @@ from talkingeyes.head.posing import expression_shape_names
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import FaceStyle, StyleKey, StyleVocabulary
 from talkingeyes.orchestration.config import compose
+from talkingeyes.training.motion_generators import TrainedGenerator
 
 FPS, FRAMES = 25.0, 100
 NAMES = expression_shape_names(anny_head())
@@ -35,16 +36,16 @@ class Encoder:
         return np.zeros((round(len(sound) / 16000 * fps), 1), np.float32)
 
 
-class Heads:
+class Heads(TrainedGenerator):
     """Generator of drifting heads and eyes, by seed."""
 
-    def generate(self, embedding, seeds, fps, conditioning=None):
-        frames = len(embedding)
+    def sample(self, speech):
+        frames, seeds = len(speech.embedding), speech.seeds
         wander = [np.cumsum(np.random.default_rng(seed).normal(0, 0.004, (frames, 3)), axis=0) for seed in seeds]
         head = np.stack(wander)
         gaze = np.zeros((len(seeds), frames, 2, 3))
         gaze[:, frames // 2 :, :, 1] = 0.2
-        return Samples(fps, head, gaze)
+        return Samples(speech.fps, head, gaze)
 
 
 class Faces:

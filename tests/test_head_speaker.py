@@ -31,11 +31,11 @@ from talkingeyes.training.motion_generators import (
     TrainedGenerator,
     load_generator,
     network_config,
+    pose_config,
     save_head_then_gaze,
     training_speakers,
 )
 from talkingeyes.training.motion_task import MotionTaskSettings
-from talkingeyes.training.pose_generators import pose_config
 
 KNOWN = tuple(name for name, split in SPEAKERS.items() if split == "train")
 JOINED = HeadThenGazeSettings(

@@ -51,9 +51,16 @@ from talkingeyes.models.head.pose_generator import PoseInputs
 from talkingeyes.orchestration.config import compose
 from talkingeyes.training.checkpoint import load, save
 from talkingeyes.training.loop import AdversarialTask, LoopSettings, train
-from talkingeyes.training.motion_generators import HeadThenGazeSettings, load_generator, save_head_then_gaze
+from talkingeyes.training.motion_generators import (
+    HeadThenGazeSettings,
+    PoseModelGenerator,
+    load_generator,
+    network_config,
+    pose_config,
+    save_head_then_gaze,
+)
+from talkingeyes.training.motion_task import MotionTaskSettings
 from talkingeyes.training.pgface_task import PGFaceTask, PGFaceTaskSettings, ShapeRecording
-from talkingeyes.training.pose_generators import PoseModelGenerator, pose_config
 from talkingeyes.training.pose_task import PoseTask, PoseTaskSettings, movement_ratios
 from talkingeyes.training.resume import ResumeFile
 
@@ -202,8 +209,6 @@ class TestHeads:
 def _save_gaze(folder: Path) -> None:
     """The smallest untrained model with a gaze decoder."""
     from talkingeyes.models.speech_to_motion import SpeechToMotion
-    from talkingeyes.training.motion_generators import network_config
-    from talkingeyes.training.motion_task import MotionTaskSettings
 
     node = model_section("vae")
     found = MotionTaskSettings.model_validate(node)

@@ -13,8 +13,8 @@ from talkingeyes.animation.controls import Controls
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.fitting.motion_style import MotionStyle
-from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs
 from talkingeyes.physiology import blinks
+from talkingeyes.training.motion_generators import Speech, TrainedGenerator
 
 SECONDS = 30
 SOUND = np.zeros(16_000 * SECONDS, np.float32)
@@ -29,13 +29,11 @@ class Encoder:
         return np.zeros((int(len(sound) * fps // 16_000), 1), np.float32)
 
 
-class Generator:
-    def generate(
-        self, embedding: Any, seeds: list[int], fps: float, conditioning: ConditioningInputs = NO_CONDITIONING
-    ) -> Samples:
-        clips = [recordings(1, seed, len(embedding))[0] for seed in seeds]
+class Generator(TrainedGenerator):
+    def sample(self, speech: Speech) -> Samples:
+        clips = [recordings(1, seed, len(speech.embedding))[0] for seed in speech.seeds]
         heads, gazes = (np.stack([getattr(clip, name) for clip in clips]).astype(float) for name in ("head", "gaze"))
-        return Samples(fps, heads, gazes)
+        return Samples(speech.fps, heads, gazes)
 
 
 PERFORMER = Animator(Encoder(), Generator(), 25.0, blinks.PROFILES, {"ann": CALM_STYLE, "bob": LIVELY_STYLE})

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -17,16 +17,19 @@ from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings, validate_section
+from talkingeyes.corpus.poses import head_rotations, resample_cubic, resample_linear
+from talkingeyes.corpus.recordings import Normaliser
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.models.baselines import BaselineSettings, MotionBank, sample_bank
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs, InputName
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.speech_to_motion import MotionBatch, SpeechInput, SpeechToMotion
+from talkingeyes.models.speech_to_pose import SpeechToPose
 from talkingeyes.training.baseline_checkpoint import load_baseline
 from talkingeyes.training.canonical_gaze import HEAD_PREFIX, CanonicalGaze, load_canonical
 from talkingeyes.training.checkpoint import Checkpoint, build_network, load, save
 from talkingeyes.training.motion_task import MotionTaskSettings
-from talkingeyes.training.pose_generators import PoseModelGenerator, pose_network
+from talkingeyes.training.pose_task import PoseTaskSettings
 
 
 @dataclass(frozen=True)
@@ -39,11 +42,10 @@ class Speech:
     conditioning: ConditioningInputs = NO_CONDITIONING
 
 
-@runtime_checkable
-class TrainedGenerator(Protocol):
+class TrainedGenerator:
     """From speech embedding to S motions of head and gaze. A seed gives the same motion in any batch.
 
-    `conditioning` holds the model's further inputs (`required_inputs`) for the whole speech.
+    A subclass implements `sample`, or `generate_batch` if it samples several speeches together.
     """
 
     def generate(
@@ -52,27 +54,27 @@ class TrainedGenerator(Protocol):
         seeds: list[int],
         fps: float,
         conditioning: ConditioningInputs = NO_CONDITIONING,
-    ) -> Samples: ...
+    ) -> Samples:
+        """Motions of one speech. `conditioning` holds the model's further inputs (`required_inputs`) for all of it."""
+        return self.generate_batch([Speech(embedding, seeds, fps, conditioning)])[0]
+
+    def generate_batch(self, speeches: Sequence[Speech]) -> list[Samples]:
+        """Motions of each of several speeches."""
+        return [self.sample(each) for each in speeches]
+
+    def sample(self, speech: Speech) -> Samples:
+        """Motions of one speech."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class NetworkGenerator:
+class NetworkGenerator(TrainedGenerator):
     """A trained joint model."""
 
     network: SpeechToMotion
 
-    def generate(
-        self,
-        embedding: Float[ndarray, "T C"],
-        seeds: list[int],
-        fps: float,
-        conditioning: ConditioningInputs = NO_CONDITIONING,
-    ) -> Samples:
-        """Sample the network."""
-        return self.generate_batch([Speech(embedding, seeds, fps, conditioning)])[0]
-
     def generate_batch(self, speeches: Sequence[Speech]) -> list[Samples]:
-        """`generate` for each of several speeches."""
+        """Motions of each of several speeches, sampled in one batch."""
         inputs = [
             SpeechInput(torch.from_numpy(np.array(each.embedding, np.float32)), each.seeds, each.conditioning)
             for each in speeches
@@ -107,22 +109,38 @@ class NetworkGenerator:
 
 
 @dataclass(frozen=True)
-class BaselineGenerator:
+class BaselineGenerator(TrainedGenerator):
     """A baseline over the bank of training motions."""
 
     settings: BaselineSettings
     bank: MotionBank
 
-    def generate(
-        self,
-        embedding: Float[ndarray, "T C"],
-        seeds: list[int],
-        fps: float,
-        conditioning: ConditioningInputs = NO_CONDITIONING,
-    ) -> Samples:
+    def sample(self, speech: Speech) -> Samples:
         """Sample from the bank."""
-        motion = sample_bank(self.settings, self.bank, embedding, seeds).astype(np.float64)
-        return Samples(fps, motion[..., :3], motion[..., 3:].reshape(*motion.shape[:2], 2, 3))
+        motion = sample_bank(self.settings, self.bank, speech.embedding, speech.seeds).astype(np.float64)
+        return Samples(speech.fps, motion[..., :3], motion[..., 3:].reshape(*motion.shape[:2], 2, 3))
+
+
+@dataclass(frozen=True)
+class PoseModelGenerator(TrainedGenerator):
+    """From speech embedding to S head motions around the mean pose of the train split; the eyes look straight ahead."""
+
+    network: SpeechToPose
+
+    def sample(self, speech: Speech) -> Samples:
+        """Sample heads of one speaker, at the frame rate of the embedding."""
+        own, style = self.network.settings.poses.fps, self.network.conditioning_style(speech.conditioning)
+        embedding = resample_linear(speech.embedding, speech.fps, own).astype(np.float32)
+        pose = self.network.sample(embedding, speech.seeds, style) + self.network.mean_pose.numpy()
+        frames = len(speech.embedding)
+        rows = [_pad_or_trim(resample_cubic(each.astype(np.float64), own, speech.fps), frames) for each in pose]
+        head = head_rotations(np.stack(rows))
+        return Samples(speech.fps, head, np.zeros((*head.shape[:2], 2, 3)))
+
+
+def _pad_or_trim(rows: Float[ndarray, "T C"], frames: int) -> Float[ndarray, "U C"]:
+    """The first frames; the last row is repeated for frames lost in resampling."""
+    return np.pad(rows[:frames], ((0, max(frames - len(rows), 0)), (0, 0)), mode="edge")
 
 
 class HeadThenGazeSettings(Settings):
@@ -136,22 +154,17 @@ class HeadThenGazeSettings(Settings):
 
 
 @dataclass(frozen=True)
-class HeadThenGaze:
+class HeadThenGaze(TrainedGenerator):
     """The head of one model, and gaze for this head by another or by canonical correlation."""
 
     head: TrainedGenerator
     gaze: NetworkGenerator | CanonicalGaze
 
-    def generate(
-        self,
-        embedding: Float[ndarray, "T C"],
-        seeds: list[int],
-        fps: float,
-        conditioning: ConditioningInputs = NO_CONDITIONING,
-    ) -> Samples:
+    def sample(self, speech: Speech) -> Samples:
         """Sample the head first, then gaze for the same speech and head. Both models get the same conditioning."""
-        head = self.head.generate(embedding, seeds, fps, conditioning).head
-        return Samples(fps, head, self.gaze.generate_gaze(embedding, head, seeds, conditioning).astype(np.float64))
+        head = self.head.generate_batch([speech])[0].head
+        gaze = self.gaze.generate_gaze(speech.embedding, head, speech.seeds, speech.conditioning)
+        return Samples(speech.fps, head, gaze.astype(np.float64))
 
 
 def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Checkpoint, gaze: Checkpoint) -> None:
@@ -172,13 +185,6 @@ def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Chec
     tensors = {f"{part}.{name}": tensor for part, each in both.items() for name, tensor in each.tensors.items()}
     config = {"model": settings.model_dump(mode="json"), **{part: each.config for part, each in both.items()}}
     save(folder, tensors, config)
-
-
-def generate_batch(generator: TrainedGenerator, speeches: Sequence[Speech]) -> list[Samples]:
-    """Samples of each of several speeches; together, if the generator can."""
-    if isinstance(generator, NetworkGenerator):
-        return generator.generate_batch(speeches)
-    return [generator.generate(each.embedding, each.seeds, each.fps, each.conditioning) for each in speeches]
 
 
 def required_inputs(generator: TrainedGenerator | CanonicalGaze) -> frozenset[InputName]:
@@ -212,6 +218,15 @@ def network_config(
         "codebook": codebook.settings.model_dump(mode="json") if codebook else None,
         "speakers": list(network.speakers) if network else [],
         "architecture": network.waveform_encoder.architecture() if network and network.waveform_encoder else None,
+    }
+
+
+def pose_config(settings: PoseTaskSettings, normaliser: Normaliser, network: SpeechToPose) -> dict[str, Any]:
+    """The configuration that rebuilds a model of the head alone."""
+    return {
+        "model": settings.model_dump(mode="json"),
+        "channels": list(normaliser.channels),
+        "speakers": list(network.speakers),
     }
 
 
@@ -255,3 +270,10 @@ def _network(checkpoint: Checkpoint) -> SpeechToMotion:
         return SpeechToMotion(settings, config["channels"], codebook, config["speakers"], config["architecture"])
 
     return build_network(build, checkpoint.tensors)
+
+
+def pose_network(checkpoint: Checkpoint) -> SpeechToPose:
+    """Load the network of a checkpoint of a model of the head alone."""
+    config = checkpoint.config
+    settings = validate_section("model", PoseTaskSettings, config["model"])
+    return build_network(lambda: SpeechToPose(settings, config["channels"], config["speakers"]), checkpoint.tensors)

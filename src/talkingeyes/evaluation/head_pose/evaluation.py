@@ -51,7 +51,7 @@ from talkingeyes.evaluation.head_pose.windows import PoseWindows, pose_windows, 
 from talkingeyes.models.speech_to_pose import SHARED_FRAMES, SpeechToPose
 from talkingeyes.training.checkpoint import load
 from talkingeyes.training.loop import LoopSettings
-from talkingeyes.training.pose_generators import pose_network
+from talkingeyes.training.motion_generators import pose_network
 from talkingeyes.training.pose_task import movement_ratios
 
 WINDOW_FRAMES, HOP_FRAMES, SVM_HOP = 256, 16, 32
