@@ -158,10 +158,11 @@ class Workspace:
 
 
 def code_digest(rooms: Iterable[str]) -> str:
-    """A hash of the code in these packages and files, to recognise partial outputs of other code."""
+    """A hash of the *.py and *.txt in these packages and files, to recognise partial outputs of other code."""
     package, digest = Path(__file__).parents[1], hashlib.sha256()
     for room in rooms:
-        for path in sorted([package / room] if room.endswith(".py") else (package / room).rglob("*.py")):
+        files = [package / room] if room.endswith(".py") else (package / room).rglob("*.*")
+        for path in sorted(each for each in files if each.suffix in (".py", ".txt")):
             digest.update(path.read_bytes())
     return digest.hexdigest()
 

@@ -16,8 +16,7 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.synthesis.grammar import GRAMMARS
-from talkingeyes.synthesis.grammars.rules import Grammar
+from talkingeyes.synthesis.grammar import GRAMMARS, Grammar
 
 SentenceKind = Literal["statement", "question", "list", "hesitation"]
 PauseKind = Literal["comma", "hesitation", "sentence"]
