@@ -21,7 +21,7 @@ from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.kinematics import eye_speed_deg_s
 from talkingeyes.core.motion import Motion
-from talkingeyes.models.layers.convolution import CausalConvolutionStack
+from talkingeyes.models.layers.convolution import ConvolutionStack
 from talkingeyes.models.motion_stream import MotionStream, StreamingModules
 
 SECONDS = 3.3
@@ -269,7 +269,7 @@ class TestNetwork:
 
     def test_causal_convolutions_step_by_step(self) -> None:
         torch.manual_seed(0)
-        stack, x = CausalConvolutionStack(3, 8, 3, 0.0, lookahead=2), torch.randn(2, 40, 3)
+        stack, x = ConvolutionStack(3, 8, 3, 0.0, lookahead=2), torch.randn(2, 40, 3)
         whole = stack(x)
         for row in range(2):
             stream, parts = stack.stream(), torch.nn.functional.pad(x[row], (0, 0, 0, 2)).split(5)

@@ -18,7 +18,7 @@ from torch import Tensor
 from talkingeyes.core.errors import InputError
 from talkingeyes.models.gaze.generator import GazeCondition, StreamableGazeGenerator
 from talkingeyes.models.head.causal_vae import CausalVAEHead
-from talkingeyes.models.layers.convolution import CausalConvolutionStack
+from talkingeyes.models.layers.convolution import ConvolutionStack
 from talkingeyes.models.speech_to_motion import GeneratedMotion, SpeechToMotion
 
 
@@ -26,7 +26,8 @@ from talkingeyes.models.speech_to_motion import GeneratedMotion, SpeechToMotion
 class StreamingModules:
     """The modules of a network that can be streamed."""
 
-    speech: CausalConvolutionStack
+    speech: ConvolutionStack
+    speech_lookahead: int  # frames
     head: CausalVAEHead
     gaze: StreamableGazeGenerator
 
@@ -39,19 +40,21 @@ class StreamingModules:
                 "model: should have no conditions and no waveform encoder for streaming, got a model with them"
             )
         speech, head, gaze = network.speech.stack, network.head, network.gaze
-        causal = isinstance(speech, CausalConvolutionStack) and isinstance(head, CausalVAEHead)
-        if not causal or not isinstance(gaze, StreamableGazeGenerator) or gaze.has_lookahead:
+        if (
+            speech.lookahead is None
+            or not isinstance(head, CausalVAEHead)
+            or not isinstance(gaze, StreamableGazeGenerator)
+            or gaze.has_lookahead
+        ):
             raise InputError(
                 "model: should be streamable (speech.lookahead, head causal_vae, gaze without lookahead), got another"
             )
-        assert isinstance(speech, CausalConvolutionStack)
-        assert isinstance(head, CausalVAEHead)
-        return cls(speech, head, gaze)
+        return cls(speech, speech.lookahead, head, gaze)
 
     @property
     def lookahead_frames(self) -> int:
         """Number of future frames of the embedding that a frame needs."""
-        return self.speech.lookahead + self.gaze.step_frames - 1
+        return self.speech_lookahead + self.gaze.step_frames - 1
 
 
 class MotionStream:
@@ -59,13 +62,13 @@ class MotionStream:
 
     def __init__(self, network: SpeechToMotion, seed: int, temperature: float | None = None) -> None:
         self._network, parts = network, StreamingModules.of(network)
-        self._stack, self._step = parts.speech, parts.gaze.step_frames
+        self._step, self._lookahead = parts.gaze.step_frames, parts.speech_lookahead
         chosen = float(network.temperature) if temperature is None else temperature
         # With guidance, the features of mean speech are a second row.
         self._speech = [parts.speech.stream() for _ in range(1 + network.is_guided)]
         self._head = parts.head.stream(seed)
         self._gaze = parts.gaze.stream(seed, chosen)
-        self._frames_to_skip = parts.speech.lookahead  # outputs before the first frame
+        self._frames_to_skip = self._lookahead  # outputs before the first frame
         self._pending_features = torch.zeros(len(self._speech), 0, network.settings.speech.width)  # less than a step
 
     @torch.inference_mode()
@@ -77,7 +80,8 @@ class MotionStream:
     @torch.inference_mode()
     def finish(self) -> GeneratedMotion:
         """The rest of the motion; the last step may be incomplete."""
-        found = self._push_embedding(torch.zeros(1, self._stack.lookahead, self._stack.input_projection.in_features))
+        channels = self._network.speech.stack.input_projection.in_features
+        found = self._push_embedding(torch.zeros(1, self._lookahead, channels))
         return (
             concat_motions([found, self._generate_step(self._pending_features)])
             if self._pending_features.shape[1]

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
-from talkingeyes.models.layers.convolution import CausalConvolutionStack, ConvolutionStack
+from talkingeyes.models.layers.convolution import ConvolutionStack
 
 
 class SpeechProjectionSettings(Settings):
@@ -58,9 +58,8 @@ class SpeechProjection(nn.Module):
         self.register_buffer("mean", torch.zeros(len(names)))
         self.register_buffer("std", torch.ones(len(names)))
         self.drop = nn.Dropout1d(settings.channel_dropout)
-        size = (max(len(chosen), 1), settings.width, settings.layers, settings.dropout)
         lookahead = settings.lookahead if isinstance(settings, CausalSpeechProjectionSettings) else None
-        self.stack = ConvolutionStack(*size) if lookahead is None else CausalConvolutionStack(*size, lookahead)
+        self.stack = ConvolutionStack(max(len(chosen), 1), settings.width, settings.layers, settings.dropout, lookahead)
 
     def standardise_by(self, mean: Float[Tensor, " C"], std: Float[Tensor, " C"]) -> None:
         """Set the statistics of the train split; constant channels become zero."""

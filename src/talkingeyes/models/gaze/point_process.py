@@ -23,7 +23,6 @@ from talkingeyes.models.gaze.gaze_signal import to_signal_tensor
 from talkingeyes.models.gaze.generator import GazeCondition, uniform_noise
 from talkingeyes.models.gaze.saccade_rendering import SEED_OFFSET, SaccadeSequence, eyes_towards, render_saccades
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
-from talkingeyes.models.layers.convolution import CausalConvolutionStack
 from talkingeyes.models.layers.numpy_point_process import Guidance, SamplerState
 from talkingeyes.models.layers.point_process import (
     CausalPointProcessSettings,
@@ -135,8 +134,7 @@ class PointProcessGaze(nn.Module):
     @property
     def has_lookahead(self) -> bool:
         """Whether an event depends on speech and head after its bin."""
-        condition_encoder = self.process.condition_encoder
-        return not isinstance(condition_encoder, CausalConvolutionStack) or condition_encoder.lookahead > 0
+        return self.process.condition_encoder.lookahead != 0
 
     def stream(self, seed: int, temperature: float) -> PointProcessGazeStream:
         """A stream that yields the result of `sample` bin by bin."""
@@ -179,7 +177,6 @@ class PointProcessGazeStream:
     """Gaze of one seed, bin by bin. The frames of a bin do not depend on later events."""
 
     def __init__(self, gaze: PointProcessGaze, seed: int, temperature: float) -> None:
-        assert isinstance(gaze.process.condition_encoder, CausalConvolutionStack)
         self._gaze, self._sampler = gaze, make_sampler(gaze.process, temperature, gaze.guidance)
         encoder = gaze.process.condition_encoder
         self._condition_encoders = [encoder.stream() for _ in range(1 + gaze.is_guided)]  # of `variants`

@@ -22,7 +22,7 @@ from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models.head.generator import HeadPrediction
 from talkingeyes.models.head.vae import VAEHead, VAEHeadSettings
 from talkingeyes.models.layers.conditional_vae import DiagonalGaussian, VAESettings
-from talkingeyes.models.layers.convolution import CausalConvolutionStack
+from talkingeyes.models.layers.convolution import ConvolutionStack
 from talkingeyes.models.layers.normaliser import MotionNormaliser
 
 
@@ -82,7 +82,7 @@ class CodePrior(nn.Module):
     def __init__(self, settings: CausalVAEHeadSettings, speech: int) -> None:
         super().__init__()
         self.span = settings.latent_frames
-        self.stack = CausalConvolutionStack(speech, settings.width, settings.layers, settings.dropout, lookahead=0)
+        self.stack = ConvolutionStack(speech, settings.width, settings.layers, settings.dropout, lookahead=0)
         self.hidden = nn.Linear(settings.width + settings.latent, settings.width)
         self.moments = nn.Linear(settings.width, 2 * settings.latent)
         nn.init.zeros_(self.moments.weight)  # N(0, I) at first
@@ -117,7 +117,7 @@ class CausalVAEHead(nn.Module):
         }
         self.vae_head = VAEHead(VAEHeadSettings.model_validate(size), speech)
         vae = self.vae_head.vae
-        vae.decoder = CausalConvolutionStack(
+        vae.decoder = ConvolutionStack(
             settings.latent + speech, settings.width, settings.layers, settings.dropout, lookahead=0
         )
         if settings.prior == "conditional":
@@ -148,9 +148,8 @@ class CausalVAEHead(nn.Module):
         return HeadStream(self, seed)
 
     @property
-    def decoder(self) -> CausalConvolutionStack:
+    def decoder(self) -> ConvolutionStack:
         """The decoder of latent codes and speech."""
-        assert isinstance(self.vae_head.vae.decoder, CausalConvolutionStack)
         return self.vae_head.vae.decoder
 
     @property

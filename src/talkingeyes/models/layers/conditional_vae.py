@@ -80,9 +80,7 @@ class ConditionalVAE(nn.Module):
         self.settings, self.trained_steps = settings, 0
         self.encoder = ConvolutionStack(features + condition, settings.width, settings.layers, settings.dropout)
         self.moments = nn.Linear(settings.width, 2 * settings.latent)
-        self.decoder: nn.Module = ConvolutionStack(
-            settings.latent + condition, settings.width, settings.layers, settings.dropout
-        )
+        self.decoder = ConvolutionStack(settings.latent + condition, settings.width, settings.layers, settings.dropout)
         self.out = nn.Linear(settings.width, features)
         self.prior: nn.Module | None = None  # of codes given their condition; None: N(0, I)
 

@@ -17,59 +17,45 @@ def torch_gelu(x: Float[ndarray, "*N"]) -> Float[ndarray, "*N"]:
 
 
 class ConvolutionStack(nn.Module):
-    """Layers of kernel 5 with dilation 1, 2, 4, ...: a receptive field of 2 (2^layers - 1) frames to each side."""
+    """Layers of kernel 5 with dilation 1, 2, 4, ...; symmetric, or causal with a lookahead.
 
-    def __init__(self, channels_in: int, width: int, layers: int, dropout: float) -> None:
-        super().__init__()
-        self.input_projection = nn.Linear(channels_in, width)
-        self.norms = nn.ModuleList(nn.LayerNorm(width) for _ in range(layers))
-        self.convolutions = nn.ModuleList(
-            nn.Conv1d(width, width, kernel_size=5, padding=2 * 2**layer, dilation=2**layer) for layer in range(layers)
-        )
-        self.drop = nn.Dropout(dropout)
-
-    def forward(self, x: Float[Tensor, "B T C"]) -> Float[Tensor, "B T W"]:
-        """Features per frame."""
-        h: Tensor = self.input_projection(x)
-        for norm, convolution in zip(self.norms, self.convolutions, strict=True):
-            h = h + self.drop(convolution(F.gelu(norm(h)).transpose(1, 2)).transpose(1, 2))
-        return h
-
-
-class CausalConvolutionStack(nn.Module):
-    """Causal variant of ConvolutionStack: a frame depends on itself and on the 4 (2^layers - 1) frames before it.
-
-    With `lookahead` > 0, the output for frame t is the output of the layers at frame t + lookahead; inputs past the end
-    are zeros. `stream` computes the same part by part.
+    Symmetric (`lookahead` is None), a frame depends on 2 (2^layers - 1) frames to each side. Causal layers depend on
+    the frame itself and on the 4 (2^layers - 1) frames before it; the output for frame t is theirs at frame
+    t + lookahead, where inputs past the end are zeros. `stream` computes the same part by part.
     """
 
-    def __init__(self, channels_in: int, width: int, layers: int, dropout: float, lookahead: int) -> None:
+    def __init__(self, channels_in: int, width: int, layers: int, dropout: float, lookahead: int | None = None) -> None:
         super().__init__()
         self.lookahead = lookahead
         self.input_projection = nn.Linear(channels_in, width)
         self.norms = nn.ModuleList(nn.LayerNorm(width) for _ in range(layers))
         self.convolutions = nn.ModuleList(
-            nn.Conv1d(width, width, kernel_size=5, dilation=2**layer) for layer in range(layers)
+            nn.Conv1d(width, width, kernel_size=5, padding=2 * 2**layer if lookahead is None else 0, dilation=2**layer)
+            for layer in range(layers)
         )
         self.drop = nn.Dropout(dropout)
 
     def forward(self, x: Float[Tensor, "B T C"]) -> Float[Tensor, "B T W"]:
         """Features per frame."""
-        h: Tensor = self.input_projection(F.pad(x, (0, 0, 0, self.lookahead)))
+        ahead = self.lookahead or 0
+        h: Tensor = self.input_projection(F.pad(x, (0, 0, 0, ahead)))
         for layer, (norm, convolution) in enumerate(zip(self.norms, self.convolutions, strict=True)):
-            padded = F.pad(F.gelu(norm(h)), (0, 0, 4 * 2**layer, 0))
-            h = h + self.drop(convolution(padded.transpose(1, 2)).transpose(1, 2))
-        return h[:, self.lookahead :]
+            inner = F.gelu(norm(h))
+            if self.lookahead is not None:
+                inner = F.pad(inner, (0, 0, 4 * 2**layer, 0))
+            h = h + self.drop(convolution(inner.transpose(1, 2)).transpose(1, 2))
+        return h[:, ahead:]
 
     def stream(self) -> ConvolutionStream:
-        """A stream with a copy of the current weights, before its first frame."""
+        """A stream of causal layers with a copy of the current weights, before its first frame."""
+        assert self.lookahead is not None
         return ConvolutionStream(self)
 
 
 class ConvolutionStream:
     """Causal convolutions that process a sequence part by part."""
 
-    def __init__(self, stack: CausalConvolutionStack) -> None:
+    def __init__(self, stack: ConvolutionStack) -> None:
         tensors = module_tensors(stack)
         self._enter = NumpyLinear(tensors, "input_projection")
         self._layers = [

@@ -24,7 +24,7 @@ from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from talkingeyes.core.settings import Settings, bounds_error
-from talkingeyes.models.layers.convolution import CausalConvolutionStack, ConvolutionStack
+from talkingeyes.models.layers.convolution import ConvolutionStack
 from talkingeyes.models.layers.mixture_centres import MIXTURE_CENTRES, MixtureCentresKind
 from talkingeyes.models.layers.numpy_point_process import MAX_LOG_SCALE, MAX_LOG_SD, MIN_LOG_SD, MIN_VARIANCE_RATIO
 from talkingeyes.models.layers.previous_steps import previous_step_encodings
@@ -136,12 +136,9 @@ class PointProcess(nn.Module):
         super().__init__()
         self.settings = settings
         numbers, width = len(spread), settings.width
-        size = (condition, width, settings.layers, settings.dropout)
         lookahead = settings.lookahead if isinstance(settings, CausalPointProcessSettings) else None
         self.register_buffer("observation_noise", torch.zeros(numbers))
-        self.condition_encoder = (
-            ConvolutionStack(*size) if lookahead is None else CausalConvolutionStack(*size, lookahead)
-        )
+        self.condition_encoder = ConvolutionStack(condition, width, settings.layers, settings.dropout, lookahead)
         self.token = nn.Linear(2 * numbers + 1 + width, width)
         self.history_rnn = nn.GRU(width, width, batch_first=True)
         self.start = nn.Parameter(torch.zeros(width))
