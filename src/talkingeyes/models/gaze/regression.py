@@ -30,7 +30,7 @@ from talkingeyes.models.gaze.history import (
 )
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.categorical_sampling import sample_categorical
-from talkingeyes.models.layers.quantiser_factory import AnyQuantiser
+from talkingeyes.models.layers.quantiser import Codebook
 from talkingeyes.models.layers.transformer import (
     CausalTransformer,
     CrossAttentionWindow,
@@ -190,7 +190,7 @@ class RegressionGaze(nn.Module):
 
 
 def sample_code_values(
-    quantiser: AnyQuantiser, features: Float[Tensor, "B C"], uniform: Float[Tensor, " B"], temperature: float
+    quantiser: Codebook, features: Float[Tensor, "B C"], uniform: Float[Tensor, " B"], temperature: float
 ) -> Float[Tensor, "B C"]:
     """Code values of features: the nearest (eq. 5), or sampled by softmax(-distance / (temperature * nearest))."""
     distance = quantiser.distances(features).clamp(min=0).sqrt()

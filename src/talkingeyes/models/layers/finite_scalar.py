@@ -12,10 +12,10 @@ from typing import Annotated, Literal
 import torch
 from jaxtyping import Bool, Float, Int
 from pydantic import Field
-from torch import Tensor, nn
+from torch import Tensor
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.models.layers.quantiser import QuantiserOutput
+from talkingeyes.models.layers.quantiser import Codebook, QuantiserOutput
 
 BOUND_MARGIN = 1e-3  # makes the outermost levels reachable by finite latents
 
@@ -42,10 +42,9 @@ class FiniteScalarQuantiserSettings(Settings):
         return 0.0
 
 
-class FiniteScalarQuantiser(nn.Module):
+class FiniteScalarQuantiser(Codebook):
     """Rounding to levels, without learned parameters."""
 
-    codebook: Tensor
     reach: Tensor
     offset: Tensor
     steps: Tensor

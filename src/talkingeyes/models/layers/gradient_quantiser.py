@@ -15,7 +15,7 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.models.layers.quantiser import QuantiserOutput, mean_error, quantise, squared_distances
+from talkingeyes.models.layers.quantiser import Codebook, QuantiserOutput, mean_error
 
 
 class GradientQuantiserSettings(Settings):
@@ -30,7 +30,7 @@ class GradientQuantiserSettings(Settings):
     commitment: Annotated[float, Field(ge=0)]
 
 
-class GradientQuantiser(nn.Module):
+class GradientQuantiser(Codebook):
     """The codebook Z = {z_k} as a parameter."""
 
     def __init__(self, settings: GradientQuantiserSettings) -> None:
@@ -38,15 +38,7 @@ class GradientQuantiser(nn.Module):
         self.settings = settings
         self.codebook = nn.Parameter((2 * torch.rand(settings.codes, settings.width) - 1) / settings.codes)
 
-    def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]:
-        """Squared distances to all codes."""
-        return squared_distances(latents, self.codebook)
-
-    def to_code_space(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
-        """The identity: latents and codes share a space."""
-        return latents
-
     def forward(self, latents: Float[Tensor, "B N C"], mask: Bool[Tensor, "B N"] | None = None) -> QuantiserOutput:
         """Nearest codes (eq. 5). Only latents where `mask` is true count for the losses."""
-        found = quantise(self, latents, mask)
+        found = self.quantise(latents, mask)
         return replace(found, codebook_error=mean_error(latents.detach().float(), self.codebook[found.indices], mask))

@@ -8,7 +8,7 @@ codes are restarted at latents of the batch (Dhariwal et al. 2020, Jukebox).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal, Protocol, runtime_checkable
+from typing import Annotated, Literal
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -46,10 +46,32 @@ class QuantiserOutput:
     codebook_error: Float[Tensor, ""]
 
 
-class Quantiser(nn.Module):
-    """The codebook Z = {z_k}, updated in training mode only."""
+class Codebook(nn.Module):
+    """K codes of C numbers, and the nearest codes of latents. A subclass sets `codebook` and implements `forward`."""
 
     codebook: Tensor
+
+    def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]:
+        """Squared distances to all codes."""
+        return squared_distances(latents, self.codebook)
+
+    def to_code_space(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
+        """The identity: latents and codes share a space."""
+        return latents
+
+    def quantise(self, latents: Float[Tensor, "B N C"], mask: Bool[Tensor, "B N"] | None) -> QuantiserOutput:
+        """Nearest codes (eq. 5), straight through, and the commitment loss of latents where `mask` is true (eq. 7)."""
+        latents = latents.float()
+        with torch.autocast(latents.device.type, enabled=False):
+            indices = self.distances(latents.detach()).argmin(-1)
+        values = self.codebook[indices]
+        commitment = mean_error(latents, values.detach(), mask)
+        return QuantiserOutput(latents + (values - latents).detach(), indices, commitment, latents.new_zeros(()))
+
+
+class Quantiser(Codebook):
+    """The codebook Z = {z_k}, updated in training mode only."""
+
     counts: Tensor
     sums: Tensor
     initialised: Tensor
@@ -62,14 +84,6 @@ class Quantiser(nn.Module):
         self.register_buffer("sums", self.codebook.clone())
         self.register_buffer("initialised", torch.tensor(False))
 
-    def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]:
-        """Squared distances to all codes."""
-        return squared_distances(latents, self.codebook)
-
-    def to_code_space(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
-        """The identity: latents and codes share a space."""
-        return latents
-
     def forward(self, latents: Float[Tensor, "B N C"], mask: Bool[Tensor, "B N"] | None = None) -> QuantiserOutput:
         """Nearest codes (eq. 5). Only latents where `mask` is true count for the losses and the codebook."""
         latents = latents.float()  # distances in full precision, also under autocast
@@ -77,7 +91,7 @@ class Quantiser(nn.Module):
             if self.training:
                 kept = latents if mask is None else latents[mask]
                 self.update(distributed.all_gather_rows(kept.detach().reshape(-1, latents.shape[-1])))
-        return quantise(self, latents, mask)
+        return self.quantise(latents, mask)
 
     @torch.no_grad()
     def update(self, latents: Float[Tensor, "M C"]) -> None:
@@ -106,26 +120,6 @@ class Quantiser(nn.Module):
         self.codebook[dead] = chosen
         self.sums[dead] = chosen
         self.counts[dead] = 1.0
-
-
-@runtime_checkable
-class Codebook(Protocol):
-    """Interface of a codebook."""
-
-    @property
-    def codebook(self) -> Float[Tensor, "K C"]: ...
-
-    def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]: ...
-
-
-def quantise(codes: Codebook, latents: Float[Tensor, "B N C"], mask: Bool[Tensor, "B N"] | None) -> QuantiserOutput:
-    """Nearest codes (eq. 5), straight through, and the commitment loss of the latents where `mask` is true (eq. 7)."""
-    latents = latents.float()
-    with torch.autocast(latents.device.type, enabled=False):
-        indices = codes.distances(latents.detach()).argmin(-1)
-    values = codes.codebook[indices]
-    commitment = mean_error(latents, values.detach(), mask)
-    return QuantiserOutput(latents + (values - latents).detach(), indices, commitment, latents.new_zeros(()))
 
 
 def mean_error(

@@ -1,4 +1,4 @@
-"""The quantisers by `kind`. Each has a `codebook`, `distances` to it, and returns code indices."""
+"""The quantisers by `kind`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from pydantic import Field
 
 from talkingeyes.models.layers.finite_scalar import FiniteScalarQuantiser, FiniteScalarQuantiserSettings
 from talkingeyes.models.layers.gradient_quantiser import GradientQuantiser, GradientQuantiserSettings
-from talkingeyes.models.layers.quantiser import Quantiser, QuantiserSettings
+from talkingeyes.models.layers.quantiser import Codebook, Quantiser, QuantiserSettings
 from talkingeyes.models.layers.residual import ResidualQuantiser, ResidualQuantiserSettings
 
-AnyQuantiser = Quantiser | GradientQuantiser | FiniteScalarQuantiser | ResidualQuantiser
 AnyQuantiserSettings = Annotated[
     QuantiserSettings | GradientQuantiserSettings | FiniteScalarQuantiserSettings | ResidualQuantiserSettings,
     Field(discriminator="kind"),
@@ -20,7 +19,7 @@ AnyQuantiserSettings = Annotated[
 
 def make_quantiser(
     settings: QuantiserSettings | GradientQuantiserSettings | FiniteScalarQuantiserSettings | ResidualQuantiserSettings,
-) -> AnyQuantiser:
+) -> Codebook:
     """Build the quantiser that the settings describe."""
     if isinstance(settings, FiniteScalarQuantiserSettings):
         return FiniteScalarQuantiser(settings)

@@ -16,11 +16,10 @@ from torch import Tensor, nn
 from talkingeyes.core.settings import Settings, bounds_error
 from talkingeyes.models.layers import distributed
 from talkingeyes.models.layers.quantiser import (
+    Codebook,
     Quantiser,
     QuantiserOutput,
     QuantiserSettings,
-    quantise,
-    squared_distances,
 )
 
 MAX_CODES = 4096
@@ -59,7 +58,7 @@ class ResidualQuantiserSettings(Settings):
         return QuantiserSettings(kind="codebook", codes=self.level_codes, **shared)
 
 
-class ResidualQuantiser(nn.Module):
+class ResidualQuantiser(Codebook):
     """A sequence of codebooks, updated in training mode only."""
 
     def __init__(self, settings: ResidualQuantiserSettings) -> None:
@@ -72,20 +71,12 @@ class ResidualQuantiser(nn.Module):
         return [level for level in self.levels if isinstance(level, Quantiser)]
 
     @property
-    def codebook(self) -> Float[Tensor, "K C"]:
+    def codebook(self) -> Float[Tensor, "K C"]:  # type: ignore[override]  # computed from the levels
         """All sums; the index of the last level varies fastest."""
         table, *others = (level.codebook for level in self._level_list)
         for each in others:
             table = (table[:, None] + each).flatten(0, 1)
         return table
-
-    def to_code_space(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
-        """The identity: latents and codes share a space."""
-        return latents
-
-    def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]:
-        """Squared distances to all sums."""
-        return squared_distances(latents, self.codebook)
 
     def forward(self, latents: Float[Tensor, "B N C"], mask: Bool[Tensor, "B N"] | None = None) -> QuantiserOutput:
         """Nearest sums. Only latents where `mask` is true count for the losses and the codebooks."""
@@ -95,4 +86,4 @@ class ResidualQuantiser(nn.Module):
             for level in self._level_list:
                 level.update(rest)
                 rest = rest - level.codebook[level.distances(rest).argmin(-1)]
-        return quantise(self, latents, mask)
+        return self.quantise(latents, mask)
