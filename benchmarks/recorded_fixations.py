@@ -49,6 +49,7 @@ from talkingeyes.models.layers.point_process import EventSequence, PointProcess,
 from talkingeyes.models.layers.point_process_sampler import sample_events
 from talkingeyes.orchestration.run import Workspace, parallel_map, run_command
 from talkingeyes.physiology.gaze_population import STATES
+from talkingeyes.training.conditioning import WITHOUT_CONDITIONING
 from talkingeyes.training.loop import train as train_network
 from talkingeyes.training.motion_task import MotionTaskSettings
 from talkingeyes.training.windows import Window, WindowDataset, motion_batch
@@ -159,7 +160,7 @@ class SyntheticBatches:
 
     def collate(self, windows: Sequence[Window[Recording]]) -> Batch:
         """Events and condition of windows of the same length."""
-        motion = motion_batch(None, windows)
+        motion = motion_batch(WITHOUT_CONDITIONING, windows)
         states = [self.state(each.recording.clip, len(each.recording))[each.frames] for each in windows]
         state = torch.from_numpy(np.stack(states))[..., None]
         speech = (motion.speech[..., self.index] - self.mean) / self.std

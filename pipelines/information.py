@@ -31,7 +31,6 @@ from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.model_selection.information import ClipLikelihood, information
 from talkingeyes.evaluation.model_selection.validation_metrics import ValidateSettings
-from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.speech_projection import SpeechProjectionSettings
 from talkingeyes.models.waveform_encoder import WaveformSpeechSettings
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, InputPaths, Report, Workspace, main, parallel_map
@@ -120,18 +119,18 @@ def score_sound(paths: InputPaths, without_speech: Path, sound: SoundGroup) -> S
 
 def _score(paths: InputPaths, model: Path, recording: Recording, speech: Float[ndarray, "T C"]) -> ClipLikelihood:
     generator, provider = _model(paths, model)
-    clip, inputs = recording.clip, provider.clip_inputs(recording.clip, len(recording)) if provider else NO_CONDITIONING
+    clip, inputs = recording.clip, provider.clip_inputs(recording.clip, len(recording))
     terms = generator.log_likelihood(speech, recording.head, recording.gaze, inputs)
     return ClipLikelihood(clip.id, clip.speaker, len(recording) / clip.fps, terms)
 
 
 @lru_cache(maxsize=2)
-def _model(paths: InputPaths, folder: Path) -> tuple[NetworkGenerator, ConditioningProvider | None]:
-    """A model and the provider of its conditioning inputs, if it needs any; loaded once per process."""
+def _model(paths: InputPaths, folder: Path) -> tuple[NetworkGenerator, ConditioningProvider]:
+    """A model and the provider of its conditioning inputs, loaded once per process."""
     generator = _load(folder)
     needed, speakers = generator.network.required_inputs, generator.network.speakers
     conditioning_paths = ConditioningPaths(Corpus(paths.corpus), paths.embed)
-    return generator, (ConditioningProvider(needed, speakers, (), conditioning_paths) if needed else None)
+    return generator, ConditioningProvider(needed, speakers, (), conditioning_paths)
 
 
 def _load(folder: Path) -> NetworkGenerator:

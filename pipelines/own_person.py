@@ -122,13 +122,13 @@ def _recorded(clip: Recording) -> ClipStyle:
 def _speeches(generator: TrainedGenerator, clips: Sequence[Recording], settings: SampleSettings) -> list[Speech]:
     """The sounds of clips with seeds, and the speaker, if the model takes one."""
     needed, rng = required_inputs(generator), np.random.default_rng(settings.seed)
-    provider = ConditioningProvider(needed, training_speakers(generator), (), None) if needed else None
+    provider = ConditioningProvider(needed, training_speakers(generator), (), None)
     return [
         Speech(
             np.array(each.speech),
             rng.integers(2**31, size=settings.samples).tolist(),
             each.clip.fps,
-            provider.clip_inputs(each.clip, len(each)) if provider else NO_CONDITIONING,
+            provider.clip_inputs(each.clip, len(each)),
         )
         for each in clips
     ]

@@ -18,7 +18,6 @@ import numpy as np
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import FaceSamples, Samples, SampleSettings
 from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
-from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.face.style import StyleKey
 from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
@@ -54,15 +53,6 @@ def _generator(folder: Path) -> TrainedGenerator | TrainedFaceGenerator:
     return load_face_generator(folder) if is_face_model(folder) else load_generator(folder)
 
 
-@lru_cache(maxsize=1)
-def _conditioning_provider(model: Path, conditioning_paths: ConditioningPaths) -> ConditioningProvider | None:
-    """The provider of conditioning inputs, if the model needs any."""
-    generator = _generator(model)
-    if isinstance(generator, TrainedFaceGenerator) or not required_inputs(generator):
-        return None
-    return ConditioningProvider(required_inputs(generator), training_speakers(generator), (), conditioning_paths)
-
-
 def _sample(
     model: Path, conditioning_paths: ConditioningPaths, folder: Path, settings: SampleSettings, clips: Sequence[Clip]
 ) -> int:
@@ -77,11 +67,9 @@ def _sample(
         styles = [[StyleKey(0.0, generator.vocabulary.style_of(clip))] for clip in clips]
         found = map(generator.generate, embeddings, styles, seeds, fps)
     else:
-        provider = _conditioning_provider(model, conditioning_paths)
-        inputs = [
-            provider.clip_inputs(clip, len(embedding)) if provider else NO_CONDITIONING
-            for clip, embedding in zip(clips, embeddings, strict=True)
-        ]
+        needed, speakers = required_inputs(generator), training_speakers(generator)
+        provider = ConditioningProvider(needed, speakers, (), conditioning_paths)
+        inputs = [provider.clip_inputs(clip, len(each)) for clip, each in zip(clips, embeddings, strict=True)]
         found = generator.generate_batch(list(map(Speech, embeddings, seeds, fps, inputs)))
     for clip, samples in zip(clips, found, strict=True):
         samples.save(make_shard_path(folder, clip.id, ".npz"))

@@ -55,7 +55,6 @@ from talkingeyes.evaluation.model_selection.validation_metrics import (
     speed_margins,
 )
 from talkingeyes.evaluation.paper_metrics.l2_diversity import diversity
-from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.orchestration.run import InputPaths, Report, Workspace, main, parallel_map
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
 from talkingeyes.training.motion_generators import (
@@ -163,7 +162,7 @@ def validate_sounds(
     for fitted, *_ in clips:
         clip = fitted.clip
         seeds = np.random.default_rng([settings.seed, *clip.id.encode()]).integers(2**31, size=settings.samples)
-        conditioning = provider.clip_inputs(clip, len(fitted)) if provider else NO_CONDITIONING
+        conditioning = provider.clip_inputs(clip, len(fitted))
         speeches.append(Speech(np.array(fitted.speech), seeds.tolist(), clip.fps, conditioning))
     found = []
     for sound, given, sampled, (fitted, *others) in zip(
@@ -232,16 +231,12 @@ def _generator(folder: Path) -> TrainedGenerator:
 
 
 @lru_cache(maxsize=1)
-def _conditioning_provider(paths: InputPaths) -> ConditioningProvider | None:
-    """The provider of conditioning inputs, if the model needs any; references are from the train split."""
+def _conditioning_provider(paths: InputPaths) -> ConditioningProvider:
+    """The provider of the model's conditioning inputs; references are from the train split."""
     generator, corpus = _generator(paths.model), Corpus(paths.corpus)
     wanted = required_inputs(generator)
     known = recordings(corpus, paths.fit, paths.embed, "train") if "reference" in wanted else ()
-    return (
-        ConditioningProvider(wanted, training_speakers(generator), known, ConditioningPaths(corpus, paths.embed))
-        if wanted
-        else None
-    )
+    return ConditioningProvider(wanted, training_speakers(generator), known, ConditioningPaths(corpus, paths.embed))
 
 
 @lru_cache(maxsize=1)

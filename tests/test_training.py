@@ -19,7 +19,7 @@ from talkingeyes.models.baselines import BaselineSettings, MotionBank
 from talkingeyes.models.speech_to_motion import MotionBatch
 from talkingeyes.training import checkpoint
 from talkingeyes.training.baseline_checkpoint import save_baseline
-from talkingeyes.training.conditioning import motion_array
+from talkingeyes.training.conditioning import WITHOUT_CONDITIONING, motion_array
 from talkingeyes.training.free_running import free_running_statistics
 from talkingeyes.training.gaze_tokenizer import GazeTokenizerSettings, GazeTokenizerTask
 from talkingeyes.training.loop import LoopSettings, train
@@ -79,7 +79,9 @@ def test_the_loop_keeps_the_weights_of_the_best_score() -> None:
 
 
 def windows(clips: list[Recording], frames: int | None) -> WindowDataset[Recording, MotionBatch]:
-    return WindowDataset(clips, WindowSettings(frames=frames, mirror=False), 0, partial(motion_batch, None))
+    return WindowDataset(
+        clips, WindowSettings(frames=frames, mirror=False), 0, partial(motion_batch, WITHOUT_CONDITIONING)
+    )
 
 
 def test_windows_are_cut_anywhere_and_short_clips_are_refused() -> None:

@@ -68,13 +68,12 @@ class ConditioningProvider:
 
     def window(self, clip: Clip, frames: slice, mirror: bool) -> WindowInputs:
         """Inputs of some frames of a clip. The same window always gets the same inputs."""
-        length = frames.stop - frames.start
         found = self._own(clip, frames)
         if "speaker" in found and mirror:
             found["speaker"] = np.asarray(found["speaker"] + len(self.speakers))  # the speaker's mirror image
         if "reference" in self.required_inputs:
             rng = np.random.default_rng([*clip.id.encode(), frames.start])
-            found["reference"] = self._reference(clip, length, mirror, rng)
+            found["reference"] = self._reference(clip, frames.stop - frames.start, mirror, rng)
         return found
 
     def clip_inputs(self, clip: Clip, frames: int) -> ConditioningInputs:
@@ -127,6 +126,9 @@ class ConditioningProvider:
         step = SAMPLE_RATE / clip.fps
         start, count = round(frames.start * step), round((frames.stop - frames.start) * step)
         return pad_or_trim(self.conditioning_paths.corpus.speech(clip)[start:], count)
+
+
+WITHOUT_CONDITIONING = ConditioningProvider((), (), (), None)
 
 
 def speaker_index(speakers: Sequence[str], name: str, seed_text: str) -> int:

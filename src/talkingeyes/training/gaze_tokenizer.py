@@ -21,6 +21,7 @@ from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.layers import distributed
 from talkingeyes.models.layers.quantiser import code_figures, perplexity
 from talkingeyes.models.losses import sum_if_printed
+from talkingeyes.training.conditioning import WITHOUT_CONDITIONING
 from talkingeyes.training.loop import LoopSettings
 from talkingeyes.training.windows import WindowDataset, WindowSettings, motion_batch, motion_statistics
 
@@ -56,7 +57,9 @@ class GazeTokenizerTask:
         torch.manual_seed(settings.seed)
         self.settings, self.train_recordings, self.val_recordings = settings, train, val
         self.module = GazeVQVAE(settings.network)
-        self.windows = WindowDataset(train, settings.windows, settings.seed, partial(motion_batch, None))
+        self.windows = WindowDataset(
+            train, settings.windows, settings.seed, partial(motion_batch, WITHOUT_CONDITIONING)
+        )
         self.rng = self.windows.rng
         frames = np.concatenate([to_signal(settings.network.signal, each.head, each.gaze) for each in train])
         measured = motion_statistics(frames)

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.recordings import Normaliser, Recording
-from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs, TrainingStatistics
+from talkingeyes.models.condition.conditioner import ConditioningInputs, TrainingStatistics
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.equaliser import Equaliser
 from talkingeyes.models.layers.schedules import set_trained_steps
@@ -71,9 +71,7 @@ class MotionTask:
         speakers = sorted({clip.speaker for clip in clips}) if settings.conditions else []
         self.module = SpeechToMotion(settings, normaliser.channels, codebook, speakers)
         required_inputs = self.module.required_inputs
-        self.conditioning_provider = (
-            ConditioningProvider(required_inputs, speakers, train, conditioning_paths) if required_inputs else None
-        )
+        self.conditioning_provider = ConditioningProvider(required_inputs, speakers, train, conditioning_paths)
         self.windows = WindowDataset(train, settings.windows, seed, partial(motion_batch, self.conditioning_provider))
         self.rng = self.windows.rng
         motions = [
@@ -150,11 +148,7 @@ class MotionTask:
         )
 
     def _conditioning(self, recording: Recording) -> ConditioningInputs:
-        return (
-            self.conditioning_provider.clip_inputs(recording.clip, len(recording))
-            if self.conditioning_provider
-            else NO_CONDITIONING
-        )
+        return self.conditioning_provider.clip_inputs(recording.clip, len(recording))
 
     def _normalise(self, heads: Float[ndarray, "N 3"], gazes: Float[ndarray, "N 2 3"]) -> None:
         """Set the statistics of all training frames."""

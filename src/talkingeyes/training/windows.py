@@ -15,7 +15,6 @@ from pydantic import Field
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.recordings import Recording
-from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.gaze.gaze_signal import mirror_motion
 from talkingeyes.models.layers import distributed
 from talkingeyes.models.speech_to_motion import MotionBatch
@@ -106,18 +105,12 @@ class WindowDataset(Generic[AnyRecording, Batch]):
         return slice(start, start + length), self.settings.mirror and self.rng.random() < 0.5
 
 
-def motion_batch(
-    conditioning_provider: ConditioningProvider | None, windows: Sequence[Window[Recording]]
-) -> MotionBatch:
+def motion_batch(conditioning_provider: ConditioningProvider, windows: Sequence[Window[Recording]]) -> MotionBatch:
     """Windows of head and gaze with their speech and conditioning inputs."""
     rows = zip(*map(_read_motion, windows), strict=True)
     speech, head, gaze = (torch.from_numpy(np.stack(part)) for part in rows)
-    conditioning = NO_CONDITIONING
-    if conditioning_provider:
-        conditioning = collate_inputs(
-            [conditioning_provider.window(each.recording.clip, each.frames, each.mirrored) for each in windows]
-        )
-    return MotionBatch(speech, head, gaze, conditioning)
+    conditioning = [conditioning_provider.window(each.recording.clip, each.frames, each.mirrored) for each in windows]
+    return MotionBatch(speech, head, gaze, collate_inputs(conditioning))
 
 
 def _read_motion(window: Window[Recording]) -> tuple[ndarray, ndarray, ndarray]:
