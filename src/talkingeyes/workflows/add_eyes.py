@@ -18,7 +18,7 @@ from numpy import ndarray
 from talkingeyes.animation.controls import Controls
 from talkingeyes.animation.line_of_sight import check_forward_axis, to_forward_axes
 from talkingeyes.audio.waveform import SAMPLE_RATE, SHORTEST_S
-from talkingeyes.core.atomic_file import atomic_write
+from talkingeyes.core.atomic_file import atomic_write, writing
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import ARRAY_FIELDS, Motion
 from talkingeyes.workflows.animate import (
@@ -93,11 +93,8 @@ def add_eyes(
     output_path = check_output_file(Path(out), path.suffix, force)
     file = open_face_file(path, fps, eyes)
     content, added = edit_face(file, load_speech(speech), load_performer(model), options)
-    try:
-        with atomic_write(output_path) as partial:
-            partial.write_bytes(content)
-    except OSError as error:
-        raise InputError(f"{out}: should be a file that can be written, got: {error.strerror or error}") from None
+    with writing(out), atomic_write(output_path) as partial:
+        partial.write_bytes(content)
     return added
 
 

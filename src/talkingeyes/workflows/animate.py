@@ -26,6 +26,7 @@ from talkingeyes.animation.line_of_sight import check_forward_axis, to_forward_a
 from talkingeyes.animation.model_file import PACKAGED_MODEL, find_model, is_packaged
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core import output_folder
+from talkingeyes.core.atomic_file import writing
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.progress import progress_bar
 from talkingeyes.orchestration.run import code_digest
@@ -273,19 +274,14 @@ def write_animation(
     show_progress: bool = True,
 ) -> None:
     """Write the folder of a result atomically; `show_progress` shows a progress bar of the videos."""
-    try:
-        with output_folder.atomic_folder(output_path) as folder:
-            if spoken is not None:
-                spoken.save(folder / "speech.wav")
-            for index, performance in enumerate(animations):
-                _write_sample(folder / f"sample_{index:02d}", performance, sound, options, show_progress)
-            if options.previews:
-                _draw(folder, animations, sound)
-            (folder / MANIFEST_FILE).write_text(json.dumps(manifest, indent=1, allow_nan=False) + "\n")
-    except OSError as error:
-        raise InputError(
-            f"{output_path}: should be a folder that can be written, got: {error.strerror or error}"
-        ) from None
+    with writing(output_path, "folder"), output_folder.atomic_folder(output_path) as folder:
+        if spoken is not None:
+            spoken.save(folder / "speech.wav")
+        for index, performance in enumerate(animations):
+            _write_sample(folder / f"sample_{index:02d}", performance, sound, options, show_progress)
+        if options.previews:
+            _draw(folder, animations, sound)
+        (folder / MANIFEST_FILE).write_text(json.dumps(manifest, indent=1, allow_nan=False) + "\n")
 
 
 def _write_sample(

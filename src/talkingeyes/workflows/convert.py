@@ -17,6 +17,7 @@ import numpy as np
 
 from talkingeyes.animation.line_of_sight import check_forward_axis, to_forward_axes
 from talkingeyes.core import output_folder
+from talkingeyes.core.atomic_file import writing
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
 from talkingeyes.workflows.render import check_output_file, film, load_head, retarget_to_head
@@ -120,10 +121,8 @@ def export(
         shown = _single_frame(shown, frame or 0)
     if named == "mp4":
         return film(shown, output_path, head=head, model=model, sound=sound, eyes=eyes)
-    try:
+    with writing(out):
         write_motion(shown, events, named, output_path, head, model, eyes)
-    except OSError as error:
-        raise InputError(f"{out}: should be a file that can be written, got: {error.strerror or error}") from None
     return shown
 
 
@@ -248,10 +247,8 @@ def import_files(
     for name, path in progress_bar(found.items(), "import", len(found)):
         read = read_motion(path, fps, key_map, eyes)
         done.append(ImportedFile(name, read if expression else replace(read, motion=_without_face(read.motion))))
-    try:
+    with writing(out, "file" if single else "folder"):
         _save(done, output_path, single)
-    except OSError as error:
-        raise InputError(f"{out}: should be writable, got: {error.strerror or error}") from None
     return done
 
 

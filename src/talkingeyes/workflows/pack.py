@@ -17,6 +17,7 @@ from numpy import ndarray
 
 from talkingeyes.animation.face import find_face_model
 from talkingeyes.animation.model_file import METADATA_KEY, SCHEMA, SUFFIX, encoder_identity
+from talkingeyes.core.atomic_file import atomic_write, writing
 from talkingeyes.core.containers import parse_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.workflows.render import check_output_file
@@ -50,8 +51,6 @@ def pack(
     """
     from safetensors.numpy import save
 
-    from talkingeyes.core.atomic_file import atomic_write
-
     target = check_output_file(Path(out), SUFFIX, force)
     folders = [Path(each) for each in ([models] if isinstance(models, str | Path) else models)]
     if face and len(folders) == 1 and (beside := find_face_model(folders[0])):
@@ -71,11 +70,8 @@ def pack(
     encoder = _identity(folders[0], files[f"{names[0]}/embedding.json"])
     said = {"schema": SCHEMA, "models": names, "files": files, "encoder": encoder}
     metadata = {METADATA_KEY: json.dumps(said, sort_keys=True)}
-    try:
-        with atomic_write(target) as partial:
-            partial.write_bytes(save(tensors, metadata))
-    except OSError as error:
-        raise InputError(f"{out}: should be a file that can be written, got: {error.strerror or error}") from None
+    with writing(out), atomic_write(target) as partial:
+        partial.write_bytes(save(tensors, metadata))
     return PackedModel(tuple(names), target.stat().st_size, _notes(encoder))
 
 

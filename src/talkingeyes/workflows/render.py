@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from talkingeyes.animation.line_of_sight import check_forward_axis, to_forward_axes
+from talkingeyes.core.atomic_file import atomic_write, writing
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.rendering.view import FRAMINGS, Framing
@@ -90,10 +91,8 @@ def film(
     pictures = iter(
         progress_bar(HeadRenderer(target_head, view).draw(to_forward_axes(played, eyes)), target.name, len(played))
     )
-    try:
+    with writing(target):
         write_video(target, pictures, played.fps, audio)
-    except OSError as error:
-        raise InputError(f"{target}: should be a file that can be written, got: {error.strerror or error}") from None
     return played
 
 
@@ -108,14 +107,8 @@ def render_head_sheet(
     target = check_output_file(Path(out), ".png", force)
     _within("size", size, SHEET_BOUNDS_PX)
     image = Image.fromarray(eyes_sheet(load_head(head, model), size))
-    partial = target.with_name(f".{target.name}.partial")
-    try:
+    with writing(out), atomic_write(target) as partial:
         image.save(partial, format="png")
-        partial.replace(target)
-    except OSError as error:
-        raise InputError(f"{out}: should be a file that can be written, got: {error.strerror or error}") from None
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def parse_camera(camera: str) -> Framing:
