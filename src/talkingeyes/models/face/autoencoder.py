@@ -8,8 +8,9 @@ gradients to them; `sample_decoder_inputs` samples from them; `decode` yields th
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Annotated, Any, Protocol, runtime_checkable
+from typing import Annotated, Any
 
 import torch.nn.functional as F
 from jaxtyping import Float
@@ -22,29 +23,6 @@ from talkingeyes.models.layers.freezing import FreezableModule
 from talkingeyes.models.layers.normaliser import MotionNormaliser
 from talkingeyes.models.layers.window_transformer import WindowTransformer, WindowTransformerSettings
 
-FACE_AUTOENCODERS = ComponentRegistry(
-    "motion autoencoder of the face",
-    {
-        "vq": "talkingeyes.models.face.vqvae:FaceVQVAE",
-        "vae": "talkingeyes.models.face.vae:FaceVAE",
-    },
-    (
-        "normalise_by",
-        "normal",
-        "freeze",
-        "loss_terms",
-        "fit_latent_statistics",
-        "latents",
-        "decoder_inputs",
-        "noise",
-        "sample_decoder_inputs",
-        "decode",
-    ),
-)
-FaceAutoencoderComponentSettings = Annotated[
-    SerializeAsAny[ComponentSettings], BeforeValidator(FACE_AUTOENCODERS.parse)
-]
-
 
 class FaceAutoencoderSettings(ComponentSettings):
     """Sizes common to both kinds."""
@@ -53,57 +31,6 @@ class FaceAutoencoderSettings(ComponentSettings):
     latent: Annotated[int, Field(gt=0)]
     encoder: WindowTransformerSettings
     decoder: WindowTransformerSettings
-
-
-@runtime_checkable
-class FaceAutoencoder(Protocol):
-    """Protocol of a torch module `Class(settings, face_dim)`; `face_dim`: numbers of expression and jaw per frame."""
-
-    settings_class: Any
-    # Dimensions of the `latents` of a frame that stage 2 predicts.
-    predicted_dim: int
-
-    def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
-        """Set mean and scale of faces."""
-        ...
-
-    def normal(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
-        """Normalised faces."""
-        ...
-
-    def freeze(self) -> FaceAutoencoder:
-        """Freeze all weights while stage 2 is trained."""
-        ...
-
-    def loss_terms(self, face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
-        """Named loss terms of stage 1."""
-        ...
-
-    def latents(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T Z"]:
-        """Targets of stage 2 for a face, scaled by the statistics of the training faces."""
-        ...
-
-    def decoder_inputs(self, latents: Float[Tensor, "B T Z"]) -> Float[Tensor, "B T L"]:
-        """Decoder inputs for predicted latents in training; passes gradients."""
-        ...
-
-    def fit_latent_statistics(self, batches: Sequence[Float[Tensor, "B _ F"]]) -> None:
-        """Set the statistics of the latents from batches of training faces, after stage 1."""
-        ...
-
-    def noise(self, seeds: list[int], frames: int, correlation_frames: int) -> Float[Tensor, "S T M"]:
-        """Standard normal noise for sampling, one seed per row, correlated over `correlation_frames` frames."""
-        ...
-
-    def sample_decoder_inputs(
-        self, latents: Float[Tensor, "B T Z"], noise: Float[Tensor, "S T M"], temperature: float
-    ) -> Float[Tensor, "S T L"]:
-        """Decoder inputs in generation (B is S or 1); temperature 0 ignores the noise."""
-        ...
-
-    def decode(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T F"]:
-        """The decoded face, normalisation undone."""
-        ...
 
 
 class EncoderDecoder(nn.Module):
@@ -128,10 +55,15 @@ class EncoderDecoder(nn.Module):
         return self.normal.denormalise(self.out(self.decoder(values)))
 
 
-class FaceAutoencoderBase(FreezableModule):
-    """Base class of both kinds of autoencoder."""
+class FaceAutoencoder(FreezableModule, ABC):
+    """A motion autoencoder `Class(settings, face_dim)`; `face_dim`: numbers of expression and jaw per frame."""
+
+    settings_class: Any
+    # Dimensions of the `latents` of a frame that stage 2 predicts.
+    predicted_dim: int
 
     def __init__(self, settings: FaceAutoencoderSettings, face_dim: int, encoder_dim: int) -> None:
+        """`encoder_dim`: outputs of the encoder per frame."""
         super().__init__()
         self.encoder_decoder = EncoderDecoder(settings, face_dim, encoder_dim)
 
@@ -145,8 +77,47 @@ class FaceAutoencoderBase(FreezableModule):
         return out
 
     def decode(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T F"]:
-        """The face decoded from latents."""
+        """The decoded face, normalisation undone."""
         return self.encoder_decoder.decode(values)
+
+    @abstractmethod
+    def loss_terms(self, face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
+        """Named loss terms of stage 1."""
+
+    @abstractmethod
+    def fit_latent_statistics(self, batches: Sequence[Float[Tensor, "B _ F"]]) -> None:
+        """Set the statistics of the latents from batches of training faces, after stage 1."""
+
+    @abstractmethod
+    def latents(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T Z"]:
+        """Targets of stage 2 for a face, scaled by the statistics of the training faces."""
+
+    @abstractmethod
+    def decoder_inputs(self, latents: Float[Tensor, "B T Z"]) -> Float[Tensor, "B T L"]:
+        """Decoder inputs for predicted latents in training; passes gradients."""
+
+    @abstractmethod
+    def noise(self, seeds: list[int], frames: int, correlation_frames: int) -> Float[Tensor, "S T M"]:
+        """Standard normal noise for sampling, one seed per row, correlated over `correlation_frames` frames."""
+
+    @abstractmethod
+    def sample_decoder_inputs(
+        self, latents: Float[Tensor, "B T Z"], noise: Float[Tensor, "S T M"], temperature: float
+    ) -> Float[Tensor, "S T L"]:
+        """Decoder inputs in generation (B is S or 1); temperature 0 ignores the noise."""
+
+
+FACE_AUTOENCODERS = ComponentRegistry(
+    "motion autoencoder of the face",
+    {
+        "vq": "talkingeyes.models.face.vqvae:FaceVQVAE",
+        "vae": "talkingeyes.models.face.vae:FaceVAE",
+    },
+    ("freeze", *(name for name in vars(FaceAutoencoder) if not name.startswith("_"))),
+)
+FaceAutoencoderComponentSettings = Annotated[
+    SerializeAsAny[ComponentSettings], BeforeValidator(FACE_AUTOENCODERS.parse)
+]
 
 
 def reconstruction(

@@ -11,7 +11,7 @@ from typing import Literal
 from jaxtyping import Float
 from torch import Tensor
 
-from talkingeyes.models.face.autoencoder import FaceAutoencoderBase, FaceAutoencoderSettings, reconstruction
+from talkingeyes.models.face.autoencoder import FaceAutoencoder, FaceAutoencoderSettings, reconstruction
 from talkingeyes.models.layers.conditional_vae import DiagonalGaussian
 from talkingeyes.models.layers.correlated_noise import correlated_normal
 
@@ -24,7 +24,7 @@ class FaceVAESettings(FaceAutoencoderSettings):
     kind: Literal["vae"]
 
 
-class FaceVAE(FaceAutoencoderBase):
+class FaceVAE(FaceAutoencoder):
     """Encoder, Gaussian latent and decoder."""
 
     settings_class = FaceVAESettings

@@ -19,7 +19,7 @@ from pydantic import model_validator
 from torch import Tensor
 
 from talkingeyes.core.settings import bounds_error
-from talkingeyes.models.face.autoencoder import FaceAutoencoderBase, FaceAutoencoderSettings, reconstruction
+from talkingeyes.models.face.autoencoder import FaceAutoencoder, FaceAutoencoderSettings, reconstruction
 from talkingeyes.models.layers.correlated_noise import correlated_normal, normal_to_gumbel
 from talkingeyes.models.layers.quantiser_factory import AnyQuantiserSettings, make_quantiser
 
@@ -53,7 +53,7 @@ def merge_codes(pieces: Float[Tensor, "B N C"], layout: CodeLayout, latent: int)
     return pieces.reshape(len(pieces), latent, -1).transpose(1, 2)
 
 
-class FaceVQVAE(FaceAutoencoderBase):
+class FaceVQVAE(FaceAutoencoder):
     """Encoder, codebook and decoder. `temperature_scale` is the mean squared distance of the training latents from
     their codes, the unit of temperatures. `latent_scale` is their root mean square, the unit of the targets of stage
     2."""
