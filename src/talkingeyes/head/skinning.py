@@ -1,4 +1,4 @@
-"""Posing a head: blend shapes, then linear blend skinning over five joints. With gradients: torch_skinning.py.
+"""Posing a head: blend shapes, then linear blend skinning over five joints.
 
     v = LBS(template + identity + expression + correctives (R - I), joints, weights)    FLAME (Li et al. 2017), eq. 2
 
