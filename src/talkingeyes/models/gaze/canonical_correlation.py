@@ -15,7 +15,7 @@ between samples only through the head, which another model generates.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -81,19 +81,24 @@ def fit_canonical_correlation(
 ) -> CanonicalCorrelation:
     """Fit the regression to training motions, processed one at a time."""
     feature_map = _fit_feature_map(settings, examples, seed)
-    moments = _Moments()
-    for each in examples:
-        moments.add(
-            random_features(settings, feature_map, each.speech, each.head),
-            _gaze_windows(each.gaze, settings.context_frames),
+    mean, covariance = _moments(
+        np.concatenate(
+            [
+                random_features(settings, feature_map, each.speech, each.head),
+                _gaze_windows(each.gaze, settings.context_frames),
+            ],
+            axis=1,
         )
-    found = moments.covariances()
-    whiten_x = _power(_regularised(found.xx, settings.ridge), -0.5)
-    of_y = _regularised(found.yy, settings.ridge)
-    left, correlations, right = np.linalg.svd(whiten_x @ found.xy @ _power(of_y, -0.5), full_matrices=False)
+        for each in examples
+    )
+    features = len(feature_map.scale) + settings.fourier_features
+    x, y = slice(features), slice(features, None)
+    whiten_x = _power(_regularised(covariance[x, x], settings.ridge), -0.5)
+    of_y = _regularised(covariance[y, y], settings.ridge)
+    left, correlations, right = np.linalg.svd(whiten_x @ covariance[x, y] @ _power(of_y, -0.5), full_matrices=False)
     kept = slice(min(settings.canonical_components, len(correlations)))
     weights = whiten_x @ (left[:, kept] * correlations[kept]) @ right[kept] @ _power(of_y, 0.5)
-    return CanonicalCorrelation(feature_map, moments.mean_x, weights, moments.mean_y, correlations[kept])
+    return CanonicalCorrelation(feature_map, mean[x], weights, mean[y], correlations[kept])
 
 
 def generate_gaze(
@@ -130,21 +135,17 @@ def random_features(
 
 def _fit_feature_map(settings: CanonicalCorrelationSettings, examples: Sequence[Example], seed: int) -> FeatureMap:
     """Principal components of speech, mean and scale of the lagged inputs, and random frequencies."""
-    moments = _Moments()
-    for each in examples:
-        moments.add(each.speech, each.speech[:, :1])
-    variances, axes = np.linalg.eigh(moments.covariances().xx)
+    variances, axes = np.linalg.eigh(_moments(each.speech for each in examples)[1])
     basis = axes[:, np.argsort(-variances)[: settings.speech_components]]
-    spread = _Moments()
-    for each in examples:
-        lagged = _lagged(_frame_features(basis, each.speech, each.head), settings.lags_frames)
-        spread.add(lagged, lagged[:, :1])
-    scale = np.sqrt(np.maximum(np.diag(spread.covariances().xx), 1e-12))
+    mean, covariance = _moments(
+        _lagged(_frame_features(basis, each.speech, each.head), settings.lags_frames) for each in examples
+    )
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-12))
     rng = np.random.default_rng(seed)
     frequencies = rng.normal(size=(len(scale), settings.fourier_features)) / (
         settings.kernel_width * np.sqrt(len(scale))
     )
-    return FeatureMap(basis, spread.mean_x, scale, frequencies, rng.uniform(0, 2 * np.pi, settings.fourier_features))
+    return FeatureMap(basis, mean, scale, frequencies, rng.uniform(0, 2 * np.pi, settings.fourier_features))
 
 
 def _frame_features(
@@ -176,42 +177,15 @@ def _power(matrix: Float[ndarray, "D D"], exponent: float) -> Float[ndarray, "D 
     return np.asarray((axes * np.maximum(values, 1e-12) ** exponent) @ axes.T)
 
 
-@dataclass(frozen=True)
-class _Covariances:
-    xx: Float[ndarray, "X X"]
-    xy: Float[ndarray, "X Y"]
-    yy: Float[ndarray, "Y Y"]
-
-
-class _Moments:
-    """Running sums of products of x and y, so that memory does not grow with the corpus."""
-
-    def __init__(self) -> None:
-        self.products: ndarray = np.zeros((0, 0))
-        self.sums: ndarray = np.zeros(0)
-        self.count, self.width = 0, 0
-
-    def add(self, x: Float[ndarray, "T X"], y: Float[ndarray, "T Y"]) -> None:
-        """Add a motion."""
-        both = np.concatenate([x, y], axis=1).astype(float)
-        if self.count == 0:
-            self.products, self.sums, self.width = np.zeros((both.shape[1],) * 2), np.zeros(both.shape[1]), x.shape[1]
-        self.products += both.T @ both
-        self.sums += both.sum(0)
-        self.count += len(both)
-
-    @property
-    def mean_x(self) -> Float[ndarray, " X"]:
-        """Mean of x."""
-        return self.sums[: self.width] / self.count
-
-    @property
-    def mean_y(self) -> Float[ndarray, " Y"]:
-        """Mean of y."""
-        return self.sums[self.width :] / self.count
-
-    def covariances(self) -> _Covariances:
-        """Covariances within and between x and y."""
-        mean, at = self.sums / self.count, self.width
-        whole = self.products / self.count - np.outer(mean, mean)
-        return _Covariances(whole[:at, :at], whole[:at, at:], whole[at:, at:])
+def _moments(rows: Iterable[Float[ndarray, "_ D"]]) -> tuple[Float[ndarray, " D"], Float[ndarray, "D D"]]:
+    """Mean and covariance of rows that come a motion at a time, so that memory does not grow with the corpus."""
+    products: ndarray | float = 0.0
+    sums: ndarray | float = 0.0
+    count = 0
+    for each in rows:
+        whole = each.astype(float)
+        products = products + whole.T @ whole
+        sums = sums + whole.sum(0)
+        count += len(whole)
+    mean = np.asarray(sums / count)
+    return mean, np.asarray(products / count - np.outer(mean, mean))
