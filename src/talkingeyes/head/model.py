@@ -7,7 +7,6 @@ skinning over five joints (`skinning`). Blend shapes are displacements at weight
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
+from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.containers import read_npz
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.npz import save_npz
@@ -123,12 +123,8 @@ def save_head(model: HeadModel, path: Path) -> None:
             content |= {f"{field.name}_{name}": np.asarray(getattr(value, name)) for name in LANDMARK_FIELDS}
         else:
             content[field.name] = np.array(value, np.str_) if isinstance(value, tuple) else np.asarray(value)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
+    with atomic_write(path) as partial:
         save_npz(partial, **content)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def load_head(path: Path) -> HeadModel:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from numpy import ndarray
 from pydantic import Field
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.settings import Settings
 
 AAC_FRAME = 1024
@@ -36,7 +36,7 @@ def write_video(
 
     rate = Fraction(fps).limit_denominator(1001)
     with (
-        _renamed_when_done(path) as partial,
+        atomic_write(path) as partial,
         av.open(str(partial), "w", format="mp4", options={"movflags": "+faststart"}) as container,
     ):
         # Without cpu-independent, the same frames give other bytes now and then.
@@ -70,13 +70,3 @@ def _sound_frame(sound: Float[ndarray, " N"], start: int, stop: int) -> Any:
     frame = av.AudioFrame.from_ndarray(samples, format="fltp", layout="mono")
     frame.sample_rate, frame.pts, frame.time_base = SAMPLE_RATE, start, Fraction(1, SAMPLE_RATE)
     return frame
-
-
-@contextlib.contextmanager
-def _renamed_when_done(path: Path) -> Iterator[Path]:
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        yield partial
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

@@ -11,7 +11,6 @@ import hashlib
 import inspect
 import json
 import math
-import os
 import pickle
 import sys
 from collections.abc import Iterable
@@ -23,6 +22,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 from tqdm import tqdm
+
+from talkingeyes.core.atomic_file import atomic_write
 
 PACKAGE = Path(__file__).resolve().parents[1]
 # Packages whose code a training depends on; others may change during an interruption.
@@ -113,13 +114,9 @@ class ResumeFile:
             "noise": torch.get_rng_state(),
             "noise_cuda": torch.cuda.get_rng_state_all() if torch.cuda.is_initialized() else [],
         }
-        partial = self.path.with_name(f"{self.path.name}.{os.getpid()}.partial")
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        try:
+        with atomic_write(self.path) as partial:
             torch.save(content, partial)
-            partial.replace(self.path)
-        finally:
-            partial.unlink(missing_ok=True)
 
     def remove(self) -> None:
         """Remove the file at the end of the stage."""
