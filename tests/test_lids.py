@@ -82,7 +82,8 @@ def test_lids_move_on_still_eyes_slowly_and_together():
 @given(st.floats(-30, 20), st.floats(-30, 30), st.integers(0, 50))
 def test_a_full_blink_shuts_every_lid(pitch_deg, yaw_deg, seed):
     lid = followed(looking(pitch_deg, yaw_deg), sample_eyelids(np.random.default_rng(seed)))
-    assert np.allclose(add_blinks(lid, np.ones((1, 1))), 1.0) and np.array_equal(add_blinks(lid, np.zeros((1, 1))), lid)
+    np.testing.assert_allclose(add_blinks(lid, np.ones_like(lid)), 1.0)
+    np.testing.assert_array_equal(add_blinks(lid, np.zeros_like(lid)), lid)
     assert lid.min() >= lids.MIN_CLOSURE and lid.max() <= lids.MAX_CLOSURE
 
 

@@ -53,15 +53,7 @@ def lid_closure_by_gaze(
     return np.asarray(np.clip((modelled_m - person_m) / (frame.upper_share * left_open), MIN_CLOSURE, MAX_CLOSURE))
 
 
-def add_blinks(
-    open_: Float[ndarray, "T 2"],
-    shut: Float[
-        ndarray,
-        (
-            T  # 2
-        ),
-    ],
-) -> Float[ndarray, "T 2"]:
+def add_blinks(open_: Float[ndarray, "T 2"], shut: Float[ndarray, "T 2"]) -> Float[ndarray, "T 2"]:
     """Add blinks to lids: from any position, close the fraction `shut` of the remaining opening."""
     return np.asarray(open_ + (1.0 - open_) * shut)
 
