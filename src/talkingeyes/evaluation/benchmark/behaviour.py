@@ -167,6 +167,14 @@ def behaviour(
     return Behaviour(fps, filled.get("head"), filled.get("gaze"), filled.get("lid"), good, annotation, reference)
 
 
+def still_motions() -> list[Behaviour]:
+    """Three motions of three seconds that do not move, with everything that a metric can need."""
+    head, gaze, lid = np.zeros((75, 3)), np.zeros((75, 2, 3)), np.zeros((75, 2))
+    one = behaviour(25.0, {"head": head, "gaze": gaze, "lid": lid}, None, Annotation())
+    whole = replace(one, reference=one, features=np.zeros((1, 1)), corr=np.zeros((3, 2)))
+    return [replace(whole, head=head + turn, gaze=gaze + turn) for turn in (0.0, 0.1, 0.2)]
+
+
 def with_references(takes: Sequence[Behaviour]) -> list[Behaviour]:
     """Each take with the next one as its reference; a single take has no reference."""
     if len(takes) < 2:

@@ -27,11 +27,11 @@ def extract(behaviour: Behaviour) -> Sums:
     return {
         "blink.blinks": len(blinks),
         "blink.seconds": behaviour.valid.sum() / behaviour.fps,
-        "blink.length": DURATION_BINS_S(blinks.duration_s),
         "blink.depth": blinks.depth.sum(),
         "blink.intervals": len(interval),
         "blink.interval_s": interval.sum(),
         "blink.interval_s2": np.square(interval).sum(),
+        "blink.length": DURATION_BINS_S(blinks.duration_s),
     }
 
 
@@ -62,21 +62,9 @@ def _coupled(behaviour: Behaviour, name: str, events_s: Float[ndarray, " N"], wi
     }
 
 
-def _coupling_sizes(name: str) -> dict[str, int]:
-    return {f"{name}.{each}": 1 for each in ("blinks", "blinks_inside", "frames", "frames_inside")}
-
-
-BLINKS = Extractor(
-    extract,
-    ("lid",),
-    {
-        **dict.fromkeys(("blink.blinks", "blink.seconds", "blink.depth", "blink.intervals"), 1),
-        **dict.fromkeys(("blink.interval_s", "blink.interval_s2"), 1),
-        "blink.length": DURATION_BINS_S.count,
-    },
-)
-SHIFTS = Extractor(extract_gaze_shift_blinks, ("lid", "head", "gaze"), _coupling_sizes("shift"))
-PHRASES = Extractor(extract_phrase_end_blinks, ("lid", "annotation"), _coupling_sizes("phrase"))
+BLINKS = Extractor(extract, ("lid",))
+SHIFTS = Extractor(extract_gaze_shift_blinks, ("lid", "head", "gaze"))
+PHRASES = Extractor(extract_phrase_end_blinks, ("lid", "annotation"))
 
 
 def _interval_variation(totals: Totals) -> Float[ndarray, " D"]:

@@ -108,18 +108,7 @@ def extract(behaviour: Behaviour) -> Sums:
     return found
 
 
-OBSERVER = Extractor(
-    extract,
-    ("head", "gaze", "corr"),
-    dict.fromkeys(
-        (
-            "corr.judged_motions",
-            "corr.shuffled_motions",
-            *(f"corr.{part}{end}" for part in CRITICS for end in ("", "_minus_shuffled")),
-        ),
-        1,
-    ),
-)
+OBSERVER = Extractor(extract, ("head", "gaze", "corr"))
 
 
 def _of_part(part: str) -> tuple[Metric, ...]:

@@ -45,14 +45,14 @@ def extract_binocular(behaviour: Behaviour) -> Sums:
         "pair.frames": good.sum(),
         "pair.vergence_deg": (angles[:, 1, 0] - angles[:, 0, 0]).sum(),
         "pair.torsion2": np.square(np.degrees(behaviour.gaze[good, :, 2])).mean(axis=1).sum(),
-        "pair.yaw": ANGLE_DEG(mean[:, 0]),
-        "pair.pitch": ANGLE_DEG(mean[:, 1]),
         "pair.yaw_2": np.square(mean[:, 0] - mean[:, 0].mean()).sum(),
         "pair.pitch_2": np.square(mean[:, 1] - mean[:, 1].mean()).sum(),
         "pair.pitch_3": ((mean[:, 1] - mean[:, 1].mean()) ** 3).sum(),
         "pair.left_2": left @ left,
         "pair.right_2": right @ right,
         "pair.left_right": left @ right,
+        "pair.yaw": ANGLE_DEG(mean[:, 0]),
+        "pair.pitch": ANGLE_DEG(mean[:, 1]),
     }
 
 
@@ -90,34 +90,15 @@ def _following(behaviour: Behaviour, head_rad_s: Float[ndarray, "F 2"]) -> Sums:
     turn = behaviour.head_rad[last[whole]] - behaviour.head_rad[np.maximum(first[whole], 0)]
     return {
         "follow.gaze_shifts": large.sum(),
-        "follow.velocity": along.sum(axis=0),
-        "follow.counted": inside.sum(axis=0),
         "follow.turn": (turn * step[whole]).sum(),
         "follow.shift": np.square(step[whole]).sum(),
+        "follow.velocity": along.sum(axis=0),
+        "follow.counted": inside.sum(axis=0),
     }
 
 
-BINOCULAR = Extractor(
-    extract_binocular,
-    ("gaze",),
-    {
-        **dict.fromkeys(
-            ("pair.frames", "pair.vergence_deg", "pair.torsion2", "pair.yaw_2", "pair.pitch_2", "pair.pitch_3"), 1
-        ),
-        **dict.fromkeys(("pair.left_2", "pair.right_2", "pair.left_right"), 1),
-        **dict.fromkeys(("pair.yaw", "pair.pitch"), ANGLE_DEG.count),
-    },
-)
-EYE_HEAD = Extractor(
-    extract_eye_head,
-    ("head", "gaze"),
-    {
-        "counter.frames": 1,
-        **{f"counter.{axis}{end}": 1 for axis in AXES for end in ("", "_eye", "_head")},
-        **dict.fromkeys(("follow.gaze_shifts", "follow.turn", "follow.shift"), 1),
-        **dict.fromkeys(("follow.velocity", "follow.counted"), len(LAGS_S)),
-    },
-)
+BINOCULAR = Extractor(extract_binocular, ("gaze",))
+EYE_HEAD = Extractor(extract_eye_head, ("head", "gaze"))
 
 
 def _range(totals: Totals, axis: str) -> Float[ndarray, " D"]:

@@ -64,11 +64,7 @@ def extract(behaviour: Behaviour) -> Sums:
     }
 
 
-OBSERVER = Extractor(
-    extract,
-    NEEDS,
-    {"feature.windows": 1, "feature.sum": MAX_FEATURES, "feature.products": MAX_FEATURES**2},
-)
+OBSERVER = Extractor(extract, NEEDS)
 
 
 def _gaussians(totals: Totals) -> list[Gaussian]:

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.evaluation.benchmark.behaviour import still_motions
 from talkingeyes.evaluation.bootstrap import Statistic
 from talkingeyes.evaluation.distribution.mmd import WindowFeatures
 
@@ -35,14 +37,19 @@ HIGHER: Final = "higher"
 class Extractor:
     """A group of sums that are computed together.
 
-    `needs` names the required fields of Behaviour; `sizes` is the length of each sum. `extract` takes one Behaviour, or
-    with `together` the sequence of all motions of a sound.
+    `needs` names the required fields of Behaviour. `extract` takes one Behaviour, or with `together` the sequence of
+    all motions of a sound. The names and lengths of the sums do not depend on the motions.
     """
 
     extract: Callable[..., Sums]
     needs: tuple[str, ...]
-    sizes: Mapping[str, int]
     together: bool = False
+
+    @cached_property
+    def sizes(self) -> dict[str, int]:
+        """The length of each sum, found by extracting the sums of still motions."""
+        motions = still_motions()
+        return {name: np.size(value) for name, value in self.extract(motions if self.together else motions[0]).items()}
 
 
 @dataclass(frozen=True)

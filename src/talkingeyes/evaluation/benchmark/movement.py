@@ -35,15 +35,10 @@ def _movement(part: str, speed_deg_s: Float[ndarray, " F"], angles_rad: Float[nd
         f"{part}.frames": len(speed),
         f"{part}.speed_deg_s": speed.sum(),
         f"{part}.still": (speed < STILL_THRESHOLD_DEG_S).sum(),
-        f"{part}.speed": LOG2_SPEED_BINS(np.log2(np.maximum(speed, 1e-6))),
         f"{part}.segments": power.segments,
+        f"{part}.speed": LOG2_SPEED_BINS(np.log2(np.maximum(speed, 1e-6))),
         f"{part}.power": summed,
     }
-
-
-def _sizes(part: str) -> dict[str, int]:
-    ones = dict.fromkeys((f"{part}.{name}" for name in ("frames", "speed_deg_s", "still", "segments")), 1)
-    return {**ones, f"{part}.speed": LOG2_SPEED_BINS.count, f"{part}.power": len(FREQUENCY_HZ)}
 
 
 def extract_eye(behaviour: Behaviour) -> Sums:
@@ -83,21 +78,10 @@ def extract_speaking(behaviour: Behaviour) -> Sums:
     return found
 
 
-EYE = Extractor(extract_eye, ("gaze",), _sizes("eye"))
-SPACE = Extractor(extract_gaze_in_space, ("head", "gaze"), _sizes("gaze_in_space"))
-HEAD = Extractor(
-    extract_head,
-    ("head",),
-    {
-        **_sizes("head"),
-        **dict.fromkeys((*(f"head.{axis}_2" for axis in HEAD_AXES), "head.valid", "head.down_3", "head.down_2"), 1),
-    },
-)
-SPEAKING = Extractor(
-    extract_speaking,
-    ("head", "annotation"),
-    dict.fromkeys(("speech.frames", "speech.speed_deg_s", "pause.frames", "pause.speed_deg_s"), 1),
-)
+EYE = Extractor(extract_eye, ("gaze",))
+SPACE = Extractor(extract_gaze_in_space, ("head", "gaze"))
+HEAD = Extractor(extract_head, ("head",))
+SPEAKING = Extractor(extract_speaking, ("head", "annotation"))
 
 
 def _quantile(totals: Totals, part: str) -> Float[ndarray, " D"]:

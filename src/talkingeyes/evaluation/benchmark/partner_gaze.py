@@ -57,8 +57,8 @@ def extract_states(behaviour: Behaviour) -> Sums:
         "state.averted": (states.averted & behaviour.valid).sum(),
         "state.onsets": states.dwell_averted[1:].sum(),
         "state.aversions": whole.sum(),
-        "state.aversion": DURATION_BINS_S(length[whole]),
         "state.looks": looks.sum(),
+        "state.aversion": DURATION_BINS_S(length[whole]),
         "state.look": DURATION_BINS_S(length[looks]),
     }
 
@@ -103,26 +103,8 @@ def _around(behaviour: Behaviour, times_s: Float[ndarray, " N"]) -> Float[ndarra
     return np.stack([(counted & behaviour.states.averted[frame]).sum(axis=0), counted.sum(axis=0)]).astype(float)
 
 
-STATES = Extractor(
-    extract_states,
-    ("head", "gaze"),
-    {
-        **dict.fromkeys(
-            ("state.frames", "state.seconds", "state.averted", "state.onsets", "state.aversions", "state.looks"), 1
-        ),
-        "state.aversion": DURATION_BINS_S.count,
-        "state.look": DURATION_BINS_S.count,
-    },
-)
-CURVES = Extractor(
-    extract_aversion_curves,
-    ("head", "gaze", "annotation"),
-    {
-        f"{event}.{key}": size
-        for event, unit in EVENTS.items()
-        for key, size in ((unit, 1), ("averted", len(LAGS_S)), ("counted", len(LAGS_S)))
-    },
-)
+STATES = Extractor(extract_states, ("head", "gaze"))
+CURVES = Extractor(extract_aversion_curves, ("head", "gaze", "annotation"))
 
 
 def aversion_curve(totals: Totals, event: str) -> Float[ndarray, "D L"]:

@@ -54,18 +54,14 @@ def _moments(names: tuple[str, ...], ours: Float[ndarray, " C"], theirs: Float[n
     return found
 
 
-def _sizes(names: tuple[str, ...]) -> dict[str, int]:
-    return {f"{name}.{moment}": 1 for name in names for moment in MOMENTS}
-
-
 def _correlation(totals: Totals, name: str) -> Float[ndarray, " D"]:
     count, x, y, xx, yy, xy = (totals[f"{name}.{moment}"] for moment in MOMENTS)
     scale = np.sqrt(np.maximum(count * xx - x**2, 0) * np.maximum(count * yy - y**2, 0))
     return safe_divide(count * xy - x * y, scale)
 
 
-AVERSION_EXTRACTOR = Extractor(extract_aversion_direction, ("head", "gaze", "reference"), _sizes(AVERSION))
-POSTURE_EXTRACTOR = Extractor(extract_head_posture, ("head", "reference"), _sizes(POSTURE))
+AVERSION_EXTRACTOR = Extractor(extract_aversion_direction, ("head", "gaze", "reference"))
+POSTURE_EXTRACTOR = Extractor(extract_head_posture, ("head", "reference"))
 
 _TITLES = {
     "aversion_yaw": ("yaw of aversion", AVERSION_EXTRACTOR, "mean yaw of averted gaze relative to the partner"),

@@ -65,48 +65,26 @@ def extract(behaviour: Behaviour) -> Sums:
     return {
         "saccade.saccades": len(amplitude),
         "saccade.seconds": behaviour.valid.sum() / fps,
-        "saccade.amplitude": AMPLITUDE_DEG(amplitude),
         "saccade.amplitude_deg": amplitude.sum(),
-        "saccade.sector": np.bincount(sector, minlength=SECTORS),
         "saccade.timed_saccades": timed.sum(),
         "saccade.duration_s": duration[timed].sum(),
         "saccade.intervals": len(interval),
-        "saccade.interval": INTERVAL_S(interval),
         "saccade.interval_s": interval.sum(),
         "saccade.interval_s2": np.square(interval).sum(),
-        "saccade.fixation": INTERVAL_S(rest),
         "law.saccades": large.sum(),
         "law.excess": excess.sum(),
         "law.excess2": np.square(excess).sum(),
         "law.amplitude": log_amplitude.sum(),
         "law.amplitude2": np.square(log_amplitude).sum(),
         "law.product": (log_amplitude * excess).sum(),
+        "saccade.amplitude": AMPLITUDE_DEG(amplitude),
+        "saccade.sector": np.bincount(sector, minlength=SECTORS),
+        "saccade.interval": INTERVAL_S(interval),
+        "saccade.fixation": INTERVAL_S(rest),
     }
 
 
-OBSERVER = Extractor(
-    extract,
-    ("head", "gaze"),
-    {
-        **dict.fromkeys(
-            (
-                "saccade.saccades",
-                "saccade.seconds",
-                "saccade.amplitude_deg",
-                "saccade.timed_saccades",
-                "saccade.duration_s",
-                "saccade.intervals",
-            ),
-            1,
-        ),
-        **dict.fromkeys(("saccade.interval_s", "saccade.interval_s2", "law.saccades", "law.excess", "law.excess2"), 1),
-        **dict.fromkeys(("law.amplitude", "law.amplitude2", "law.product"), 1),
-        "saccade.amplitude": AMPLITUDE_DEG.count,
-        "saccade.sector": SECTORS,
-        "saccade.interval": INTERVAL_S.count,
-        "saccade.fixation": INTERVAL_S.count,
-    },
-)
+OBSERVER = Extractor(extract, ("head", "gaze"))
 
 
 def _cardinal(totals: Totals) -> Float[ndarray, " D"]:

@@ -63,10 +63,7 @@ def _same(one: Behaviour, required_reference: Behaviour, part: str) -> bool:
 
 def _of_part(part: str) -> tuple[Metric, ...]:
     title = PARTS[part]
-    names = ("sounds", "diversity", "judged_sounds", "windows", "energy", "nearest")
-    extractor = Extractor(
-        partial(extract, part=part), (part, "reference"), {f"{part}.{name}": 1 for name in names}, together=True
-    )
+    extractor = Extractor(partial(extract, part=part), (part, "reference"), together=True)
     judged = partial(Metric, extractor=extractor, count_key=f"{part}.judged_sounds", min_count=5, direction=LOWER)
     return (
         Metric(
