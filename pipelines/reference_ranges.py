@@ -33,13 +33,7 @@ from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.benchmark.behaviour import behaviour
 from talkingeyes.evaluation.critic.contrastive_training import CriticSettings
 from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
-from talkingeyes.evaluation.reference_ranges import (
-    measurements,
-    page,
-    plots,
-    probes,
-    recorded_people,
-)
+from talkingeyes.evaluation.reference_ranges import blinks, eyes, measurements, page, plots, probes, recorded_people
 from talkingeyes.evaluation.reference_ranges.clip_data import (
     ClipData,
     FrameProsody,
@@ -115,7 +109,6 @@ def load_clip_data(corpus_inputs: CorpusInputs, clip: Clip) -> ClipData:
     fields = {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid}
     return ClipData(
         speaker=clip.speaker,
-        sound=clip.sound,
         behaviour=behaviour(motion.fps, fields, motion.valid, annotation),
         motion=motion,
         annotation=annotation,
@@ -187,8 +180,8 @@ def measure_corpus(corpus_inputs: CorpusInputs, jobs: int) -> CorpusMeasurements
         found |= (
             measurements.measure_gaze_shifts(more)
             | measurements.measure_main_sequence(fast)
-            | measurements.measure_blink_kinematics(fast)
-            | {"head_onset_lag": measurements.measure_onset_lag(pool)}
+            | blinks.blink_kinematics(fast)
+            | {"head_onset_lag": eyes.onset_lag_ms(pool)}
         )
         pool = {**pool, **fast}
     if (corpus_inputs.embed / "embedding.json").is_file():

@@ -300,7 +300,6 @@ def load_clip_data(corpus_inputs: CorpusInputs, clip: Clip, motions: Sequence[Mo
         fields, frames = {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid}, len(motion)
         yield ClipData(
             speaker=clip.speaker,
-            sound=clip.sound,
             behaviour=behaviour(motion.fps, fields, motion.valid, annotation),
             annotation=annotation,
             frame_prosody=FrameProsody(sound_prosody.energy_dbfs[:frames], sound_prosody.f0_hz[:frames]),
@@ -337,7 +336,7 @@ def measure(column: str, pool: PooledArrays) -> Measurements:
     found |= {"prosody_cca": head.sentence_correlation(pool), "pitch_level_correlation": head.frame_correlation(pool)}
     found |= {f"between_take_{part}": probes.between_take_fraction(pool, part) for part in ("eye", "head")}
     if column in (SLOW, SAMPLED):
-        found |= measurements.measure_main_sequence(pool) | measurements.measure_blink_kinematics(pool)
+        found |= measurements.measure_main_sequence(pool) | blinks.blink_kinematics(pool)
     return found
 
 

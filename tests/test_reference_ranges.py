@@ -65,9 +65,8 @@ def test_main_sequence_is_found():
     }
     assert saccades.log_slope(pool, "x", 0.5, 40.0).value == pytest.approx(0.6)
     line = saccades.main_sequence_model(pool, "x")
-    assert line["slope"].value == pytest.approx(2.4, rel=1e-3) and line["intercept"].value == pytest.approx(
-        25, rel=1e-3
-    )
+    assert line["duration_slope"].value == pytest.approx(2.4, rel=1e-3)
+    assert line["duration_intercept"].value == pytest.approx(25, rel=1e-3)
 
 
 def saccading(fps, seed):
@@ -88,7 +87,7 @@ def test_rendered_saccades_follow_the_main_sequence():
         for one in (saccading(500.0, seed) for seed in range(12))
     )
     found = saccades.main_sequence_model(fine, "at500")
-    assert found["shape"].value == pytest.approx(1.65, abs=0.06)
+    assert found["peak_shape"].value == pytest.approx(1.65, abs=0.06)
     assert 1000 * np.median(fine["at500.duration_s"]) == pytest.approx(50.0, abs=2.0)
     pairs = join_pools(
         saccades.match_frame_rates("same25", saccades.detect_rendered(saccading(500.0, s)), saccading(25.0, s).saccades)
@@ -176,9 +175,9 @@ def blinking(fps, onsets):
 def test_blink_kinematics_are_measured():
     pool = join_pools(blinks.extract_kinematics(blinking(500.0, np.arange(0.5, 19, 0.6))) for _ in range(2))
     found = blinks.blink_kinematics(pool)
-    assert found["length"].value == pytest.approx(320, abs=25)
-    assert 60 < found["down"].value < 95 and 150 < found["up"].value < 220
-    assert found["faster"].value > 1.0
+    assert found["blink_length"].value == pytest.approx(320, abs=25)
+    assert 60 < found["blink_down"].value < 95 and 150 < found["blink_up"].value < 220
+    assert found["blink_faster"].value > 1.0
 
 
 def test_blinks_at_the_ends_of_phrases_and_over_people():
@@ -187,7 +186,7 @@ def test_blinks_at_the_ends_of_phrases_and_over_people():
     near, near_s, amid, amid_s = pool["phrase.counts"].sum(axis=0)
     assert (near, amid) == (60, 20) and near_s == pytest.approx(40, abs=2) and amid_s == pytest.approx(320, abs=2)
     assert blinks.phrase_end_ratio(pool).value == pytest.approx((60 / near_s) / (20 / amid_s))
-    assert blinks.mean_rate(pool)["mean"].reason == "too few speakers with a minute: got 0, needs 5"
+    assert blinks.mean_rate(pool)["blink_rate"].reason == "too few speakers with a minute: got 0, needs 5"
     people_rates = np.exp(np.random.default_rng(0).normal(3.1, 0.3, 400))
     assert blinks.log_normal_p(people_rates.tolist()).value > 0.05
     assert blinks.log_normal_p(np.exp(people_rates**2 / 400).tolist()).value < 0.01
@@ -203,7 +202,7 @@ def test_lids_that_follow_gaze():
         "lid.height_deg": np.where(pitch < 0, 1.0, 0.8) * pitch + np.repeat([3.0, -3.0], 500),
     }
     gains = face.lid_gains(pool)
-    assert gains["down"].value == pytest.approx(1.0) and gains["up"].value == pytest.approx(0.8)
+    assert gains["lid_down"].value == pytest.approx(1.0) and gains["lid_up"].value == pytest.approx(0.8)
     assert 0.95 < face.lid_r_squared(pool).value < 1.0
     assert face.eye_aspect_ratio(1.0) < 0.12 and face.eye_aspect_ratio(0.0) > 0.25
 
@@ -262,7 +261,7 @@ def test_style_icc_increases_with_differences_between_people():
 
 
 def test_extract_gives_the_sums_of_the_benchmark():
-    pool = join_pools(measurements.extract(ClipData("a", "s", one.at())) for one in people(8))
+    pool = join_pools(measurements.extract(ClipData("a", one.at())) for one in people(8))
     assert pool["head.frames"].sum() == sum(benchmark_sums(one.at())["head.frames"][0] for one in people(8))
     found = measurements.measure_gaze(pool)
     assert found["vor_yaw"].value == pytest.approx(-1.0, abs=0.05) and found["torsion"].value < 1e-6

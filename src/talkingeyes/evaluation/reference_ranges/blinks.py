@@ -99,13 +99,13 @@ def rates_per_min(pool: PooledArrays) -> Float[ndarray, " P"]:
 
 
 def mean_rate(pool: PooledArrays) -> dict[str, Measurement]:
-    """Mean of the rates over speakers, and their 2.5 % and 97.5 % quantiles (`low`, `high`)."""
+    """Mean of the rates over speakers, and their 2.5 % and 97.5 % quantiles."""
     rates = rates_per_min(pool)
     if len(rates) < 5:
         few = measurement(np.nan, len(rates), "speakers with a minute", 5)
-        return dict.fromkeys(("mean", "low", "high"), few)
+        return dict.fromkeys(("blink_rate", "blink_low", "blink_high"), few)
     low, high = np.quantile(rates, [0.025, 0.975])
-    values = {"mean": float(rates.mean()), "low": float(low), "high": float(high)}
+    values = {"blink_rate": float(rates.mean()), "blink_low": float(low), "blink_high": float(high)}
     return {name: measurement(value, len(rates), "speakers") for name, value in values.items()}
 
 
@@ -135,12 +135,12 @@ def gaze_evoked(pool: PooledArrays) -> Measurement:
 
 
 def blink_kinematics(pool: PooledArrays) -> dict[str, Measurement]:
-    """Median durations in milliseconds, and median ratio of peak closing to peak opening speed (`faster`)."""
+    """Median durations in milliseconds, and median ratio of peak closing to peak opening speed (`blink_faster`)."""
     length = pool["course.length_s"]
     values = {
-        name: 1000 * float(np.median(pool[f"course.{name}_s"])) if len(length) else np.nan
+        f"blink_{name}": 1000 * float(np.median(pool[f"course.{name}_s"])) if len(length) else np.nan
         for name in ("length", "down", "up")
     }
     faster = pool["course.closing_per_s"] / np.maximum(pool["course.opening_per_s"], 1e-9)
-    values["faster"] = float(np.median(faster)) if len(faster) else np.nan
+    values["blink_faster"] = float(np.median(faster)) if len(faster) else np.nan
     return {name: measurement(value, len(length), "blinks", 30) for name, value in values.items()}

@@ -7,7 +7,7 @@ which sums are not sufficient. Values that the gaze benchmark also has are compu
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +55,6 @@ class ClipData:
     """
 
     speaker: str
-    sound: str
     behaviour: Behaviour
     motion: Motion | None = None
     annotation: Annotation | None = None
@@ -81,6 +80,13 @@ def measurement(value: float, count: int, count_unit: str, min_count: int = 1) -
     if not np.isfinite(value):
         return Measurement(None, count, count_unit, "undefined")
     return Measurement(float(value), count, count_unit)
+
+
+def measure_values(
+    values: ndarray, statistic: Callable[[ndarray], float], count_unit: str, min_count: int = 1
+) -> Measurement:
+    """Measurement of a statistic of N values; without a value if N is below `min_count`."""
+    return measurement(float(statistic(values)) if len(values) else np.nan, len(values), count_unit, min_count)
 
 
 def no_measurement(reason: str) -> Measurement:

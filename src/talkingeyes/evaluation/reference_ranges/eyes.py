@@ -12,7 +12,7 @@ from numpy import ndarray
 
 from talkingeyes.core.motion import Events
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.reference_ranges.clip_data import Measurement, PooledArrays, measurement
+from talkingeyes.evaluation.reference_ranges.clip_data import Measurement, PooledArrays, measure_values, measurement
 
 YAW_DEG, PITCH_DEG = 30.0, (-30.0, 20.0)
 ROUNDING_DEG = 0.01  # of float32 files
@@ -81,8 +81,7 @@ def vergence_deg(pool: PooledArrays) -> Measurement:
 
 def onset_lag_ms(pool: PooledArrays) -> Measurement:
     """Median of head onset less eye onset, milliseconds."""
-    lags = pool["lag.s"]
-    return measurement(1000 * float(np.median(lags)) if len(lags) else np.nan, len(lags), "shifts with the head", 50)
+    return measure_values(pool["lag.s"], lambda lags: 1000 * np.median(lags), "shifts with the head", 50)
 
 
 def head_contribution(pool: PooledArrays, low_deg: float, high_deg: float) -> Measurement:

@@ -15,11 +15,13 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import gaze_to_angles
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
 from talkingeyes.evaluation.distribution.spectrum import spectrum
+from talkingeyes.evaluation.face.articulation import best_correlation
 from talkingeyes.evaluation.reference_ranges.clip_data import (
     FrameProsody,
     Measurement,
     PooledArrays,
     in_spans,
+    measure_values,
     measurement,
 )
 from talkingeyes.head import landmarks as face
@@ -29,7 +31,6 @@ UPPER = slice(1, 3)  # of the six points of an eye
 EVERY = 4  # frames
 BLINK, ROUND_BLINK_S = 0.15, 0.12
 MIN_PITCH_DEG = 2.0
-JAW_LAG_S = 0.1
 JAW_BAND_HZ = (1.0, 10.0)
 MIN_FRAMES = 200
 
@@ -66,19 +67,12 @@ def extract_jaw(
     power = spectrum(motion.jaw[:, :1], motion.fps, motion.valid)
     speech = in_spans(annotation.speaking, behaviour)
     envelope = 10 ** (frame_prosody.energy_dbfs[:frames] / 20)
-    lags = range(-round(JAW_LAG_S * motion.fps), round(JAW_LAG_S * motion.fps) + 1)
-    found = [_correlation(opening[:frames], np.roll(envelope, lag)) for lag in lags]
     return {
         "jaw.opening_rad": opening[speech][::EVERY],
         "jaw.power": power.power.sum(axis=1)[None],
         "jaw.frequency_hz": power.frequency_hz[None],
-        "jaw.r": np.array([max(found)]),
+        "jaw.r": np.array([best_correlation(opening[:frames], envelope, motion.fps)]),
     }
-
-
-def _correlation(one: Float[ndarray, " T"], other: Float[ndarray, " T"]) -> float:
-    one, other = one - one.mean(), other - other.mean()
-    return float(one @ other / max(float(np.sqrt((one @ one) * (other @ other))), 1e-12))
 
 
 def eye_aspect_ratio(lid: float) -> float:
@@ -92,7 +86,7 @@ def lid_gains(pool: PooledArrays) -> dict[str, Measurement]:
     """Rotation of the upper lid per rotation of gaze, below and above the horizon, each eye about its mean."""
     pitch, height = np.degrees(pool["lid.angles_rad"][:, 1]), pool["lid.height_deg"]
     gains = {}
-    for name, chosen in (("down", pitch < -MIN_PITCH_DEG), ("up", pitch > MIN_PITCH_DEG)):
+    for name, chosen in (("lid_down", pitch < -MIN_PITCH_DEG), ("lid_up", pitch > MIN_PITCH_DEG)):
         x, y = (_about_own(each[chosen], pool["lid.whose"][chosen]) for each in (pitch, height))
         gains[name] = measurement(
             float(x @ y / max(float(x @ x), 1e-12)), int(chosen.sum()), "frames and eyes", MIN_FRAMES
@@ -124,10 +118,7 @@ def lid_r_squared(pool: PooledArrays) -> Measurement:
 
 def jaw_opening_p95(pool: PooledArrays) -> Measurement:
     """95th percentile of jaw opening in speech, radians."""
-    opening = pool["jaw.opening_rad"]
-    return measurement(
-        float(np.quantile(opening, 0.95)) if len(opening) else np.nan, len(opening), "frames", MIN_FRAMES
-    )
+    return measure_values(pool["jaw.opening_rad"], lambda opening: np.quantile(opening, 0.95), "frames", MIN_FRAMES)
 
 
 def jaw_peak_hz(pool: PooledArrays) -> Measurement:
@@ -146,5 +137,4 @@ def jaw_peak_hz(pool: PooledArrays) -> Measurement:
 
 def jaw_envelope(pool: PooledArrays) -> Measurement:
     """Mean over clips of the correlation of jaw opening and envelope."""
-    found = pool["jaw.r"]
-    return measurement(float(found.mean()), len(found), "clips", 5)
+    return measure_values(pool["jaw.r"], np.mean, "clips", 5)

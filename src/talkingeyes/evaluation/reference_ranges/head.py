@@ -18,6 +18,7 @@ from talkingeyes.evaluation.reference_ranges.clip_data import (
     Measurement,
     PooledArrays,
     in_spans,
+    measure_values,
     measurement,
     utterances,
 )
@@ -73,7 +74,7 @@ def sentence_correlation(pool: PooledArrays) -> Measurement:
     """Mean over sentences of the first canonical correlation."""
     found = pool["cca.r"]
     found = found[np.isfinite(found)]
-    return measurement(float(found.mean()) if len(found) else np.nan, len(found), "sentences", 20)
+    return measure_values(found, np.mean, "sentences", 20)
 
 
 def frame_correlation(pool: PooledArrays) -> Measurement:

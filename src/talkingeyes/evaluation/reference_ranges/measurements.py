@@ -77,31 +77,20 @@ def measure_gaze(pool: PooledArrays) -> Measurements:
         "conjugacy": benchmark_metric(pool, "eye/conjugacy"),
         "torsion": benchmark_metric(pool, "eye/torsion"),
         "vergence": eyes.vergence_deg(pool),
-        "vor_yaw": _slope(pool, "yaw"),
-        "vor_pitch": _slope(pool, "pitch"),
+        "vor_yaw": benchmark_metric(pool, "head_eye/slope_yaw"),
+        "vor_pitch": benchmark_metric(pool, "head_eye/slope_pitch"),
         "speed": benchmark_metric(pool, "eye/speed"),
         "psd_gaze": benchmark_metric(pool, "gaze_in_space/spectrum_slope"),
     }
 
 
-def _slope(pool: PooledArrays, axis: str) -> Measurement:
-    """Slope of eye velocity on head velocity between saccades."""
-    product, square = (float(pool[f"counter.{axis}{end}"].sum()) for end in ("", "_head"))
-    return measurement(product / square if square else np.nan, int(pool["counter.frames"].sum()), "frames", 1500)
-
-
 def measure_main_sequence(pool: PooledArrays) -> Measurements:
     """Main sequence at the highest frame rate, and ratio of peak speeds at 25 frames per second to the true ones."""
-    main_sequence_model = saccades.main_sequence_model(pool, "at500")
     return {
         "largest": saccades.largest_amplitude(pool, "at500"),
-        "vmax": main_sequence_model["most"],
-        "main_sequence_constant": main_sequence_model["constant"],
+        **saccades.main_sequence_model(pool, "at500"),
         "slope_10": saccades.log_slope(pool, "at500", 0.5, 10.0),
         "slope_40": saccades.log_slope(pool, "at500", 0.5, 40.0),
-        "duration_slope": main_sequence_model["slope"],
-        "duration_intercept": main_sequence_model["intercept"],
-        "peak_shape": main_sequence_model["shape"],
         "peak_5": saccades.peak_ratio(pool, "same25", 4.0, 6.0),
         "peak_20": saccades.peak_ratio(pool, "same25", 16.0, 24.0),
     }
@@ -134,17 +123,14 @@ def measure_head(pool: PooledArrays) -> Measurements:
 
 def measure_speech(pool: PooledArrays) -> Measurements:
     """Statistics that need the annotation: partner gaze, the head in speech, blinks at phrase ends, styles."""
-    talking, onset = partner_gaze.partner_gaze_fraction(pool, "talking"), partner_gaze.aversion_lead(pool)
     return {
-        "partner_gaze": talking["mean"],
-        "partner_gaze_sd": talking["sd"],
+        **partner_gaze.partner_gaze_fraction(pool),
         "partner_gaze_listening": partner_gaze.listening_fraction(pool),
         "start_averted": partner_gaze.averted_at_utterances(pool, "start"),
         "end_looking": _complement(partner_gaze.averted_at_utterances(pool, "end")),
         "aversion_duration": partner_gaze.dwell_median(pool, True),
         "partner_gaze_duration": partner_gaze.dwell_median(pool, False),
-        "aversion_lead": onset["median"],
-        "aversion_lead_iqr": onset["iqr"],
+        **partner_gaze.aversion_lead(pool),
         "head_speed": head.speaking_speed(pool),
         "head_ratio": benchmark_metric(pool, "head/speech_speed_ratio"),
         "phrase_end": blinks.phrase_end_ratio(pool),
@@ -171,25 +157,12 @@ def measure_prosody(pool: PooledArrays) -> Measurements:
 
 def measure_blinks(pool: PooledArrays) -> Measurements:
     """Blink rates over people and variation of blink intervals."""
-    rate = blinks.mean_rate(pool)
-    return {
-        "blink_rate": rate["mean"],
-        "blink_low": rate["low"],
-        "blink_high": rate["high"],
-        "blink_cv": benchmark_metric(pool, "blinks/interval_cv"),
-    }
-
-
-def measure_blink_kinematics(pool: PooledArrays) -> Measurements:
-    """Kinematics of blinks at the highest frame rate."""
-    kinematics = blinks.blink_kinematics(pool)
-    return {f"blink_{name}": kinematics[name] for name in ("length", "down", "up", "faster")}
+    return {**blinks.mean_rate(pool), "blink_cv": benchmark_metric(pool, "blinks/interval_cv")}
 
 
 def measure_lids(pool: PooledArrays) -> Measurements:
     """Gains of the upper lids and fit of the Eyelid model."""
-    gains = face.lid_gains(pool)
-    return {"lid_down": gains["down"], "lid_up": gains["up"], "lid_model": face.lid_r_squared(pool)}
+    return {**face.lid_gains(pool), "lid_model": face.lid_r_squared(pool)}
 
 
 def measure_take_variance(pool: PooledArrays) -> Measurements:
@@ -220,11 +193,6 @@ def measure_fit(table8: Mapping[str, Any]) -> Measurements:
         "fit_peak": cell("lightgazefit", "saccade_peak_ratio"),
         "fit_speed": cell("lightgazefit", "velocity_ratio"),
     }
-
-
-def measure_onset_lag(pool: PooledArrays) -> Measurement:
-    """Head onset less eye onset."""
-    return eyes.onset_lag_ms(pool)
 
 
 def measure_eye_aspect_ratio() -> Measurements:

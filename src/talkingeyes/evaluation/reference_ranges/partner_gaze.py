@@ -17,6 +17,7 @@ from talkingeyes.evaluation.reference_ranges.clip_data import (
     Measurement,
     PooledArrays,
     in_spans,
+    measure_values,
     measurement,
     speaking_turns,
     utterances,
@@ -83,9 +84,9 @@ def _averted(behaviour: Behaviour, at_s: float, window_s: tuple[float, float]) -
     return bool(behaviour.states.averted[low : max(high, low + 1)].mean() > 0.5)
 
 
-def by_speaker(pool: PooledArrays, what: str) -> Float[ndarray, " P"]:
-    """Fraction of time looking at the partner, of each speaker with at least a minute of `what`."""
-    speakers, seconds = pool["look.speaker"], pool[f"look.{what}_s"]
+def by_speaker(pool: PooledArrays) -> Float[ndarray, " P"]:
+    """Fraction of time looking at the partner, of each speaker with at least a minute of talking."""
+    speakers, seconds = pool["look.speaker"], pool["look.talking_s"]
     shares = []
     for speaker in np.unique(speakers):
         looked, total = seconds[speakers == speaker].sum(axis=0)
@@ -94,17 +95,12 @@ def by_speaker(pool: PooledArrays, what: str) -> Float[ndarray, " P"]:
     return np.array(shares)
 
 
-def partner_gaze_fraction(pool: PooledArrays, what: str) -> dict[str, Measurement]:
-    """Mean and standard deviation over speakers of the fraction of partner gaze."""
-    shares = by_speaker(pool, what)
-    nan = float("nan")
+def partner_gaze_fraction(pool: PooledArrays) -> dict[str, Measurement]:
+    """Mean and standard deviation over speakers of the fraction of partner gaze while talking."""
+    shares, unit = by_speaker(pool), "speakers with a minute of talking"
     return {
-        "mean": measurement(
-            float(shares.mean()) if len(shares) else nan, len(shares), f"speakers with a minute of {what}", 3
-        ),
-        "sd": measurement(
-            float(shares.std(ddof=1)) if len(shares) > 1 else nan, len(shares), f"speakers with a minute of {what}", 5
-        ),
+        "partner_gaze": measure_values(shares, np.mean, unit, 3),
+        "partner_gaze_sd": measurement(float(shares.std(ddof=1)) if len(shares) > 1 else np.nan, len(shares), unit, 5),
     }
 
 
@@ -116,8 +112,7 @@ def listening_fraction(pool: PooledArrays) -> Measurement:
 
 def averted_at_utterances(pool: PooledArrays, end: str) -> Measurement:
     """Fraction of long turns with gaze averted at the start (or end)."""
-    found = pool[f"utterance.{end}_averted"]
-    return measurement(float(found.mean()) if len(found) else np.nan, len(found), "long turns", 50)
+    return measure_values(pool[f"utterance.{end}_averted"], np.mean, "long turns", 50)
 
 
 def dwell_median(pool: PooledArrays, averted: bool) -> Measurement:
@@ -141,10 +136,10 @@ def aversion_lead(pool: PooledArrays) -> dict[str, Measurement]:
     found = pool["aversion.before_onset_s"]
     if len(found) < 20:
         few = measurement(np.nan, len(found), "utterances with aversion", 20)
-        return {"median": few, "iqr": few}
+        return {"aversion_lead": few, "aversion_lead_iqr": few}
     low, middle, high = np.quantile(found, [0.25, 0.5, 0.75], method="nearest")
     low = max(float(low), -float(BEFORE_S))  # for aversions from before the clip only this bound is known
     return {
-        "median": measurement(float(middle), len(found), "utterances with aversion"),
-        "iqr": measurement(float(high) - low, len(found), "utterances with aversion"),
+        "aversion_lead": measurement(float(middle), len(found), "utterances with aversion"),
+        "aversion_lead_iqr": measurement(float(high) - low, len(found), "utterances with aversion"),
     }

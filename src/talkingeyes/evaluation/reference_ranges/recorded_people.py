@@ -60,7 +60,7 @@ def measure_eye_tracking(recordings: Sequence[GazeRecording]) -> Measurements:
 
 def tracking_pool(recordings: Sequence[GazeRecording]) -> PooledArrays:
     """Pool of the recordings with every 20th sample as a frame."""
-    return join_pools(measurements.extract(ClipData("", "", behaviour_of(each.subsample(20)))) for each in recordings)
+    return join_pools(measurements.extract(ClipData("", behaviour_of(each.subsample(20)))) for each in recordings)
 
 
 def _rates(recording: GazeRecording) -> PooledArrays:
@@ -73,7 +73,7 @@ def _rates(recording: GazeRecording) -> PooledArrays:
 def measure_video(recordings: Sequence[GazeRecording]) -> Measurements:
     """Statistics of faces in video, of the recordings below MAX_VIDEO_FPS."""
     slow = [each for each in recordings if each.fps < MAX_VIDEO_FPS]
-    pool = join_pools(measurements.extract(ClipData("", "", behaviour_of(each))) for each in slow)
+    pool = join_pools(measurements.extract(ClipData("", behaviour_of(each))) for each in slow)
     found = measurements.measure_gaze(pool) | measurements.measure_head(pool) if pool else {}
     return {name: found[name] for name in VIDEO_STATISTICS if name in found}
 

@@ -17,12 +17,13 @@ from scipy.optimize import least_squares
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
 from talkingeyes.evaluation.detectors.saccades import MIN_ENGBERT_KLIEGL_FPS, VELOCITY, Saccades, detect_saccades_ivt
 from talkingeyes.evaluation.detectors.scoring import match_events
-from talkingeyes.evaluation.reference_ranges.clip_data import Measurement, PooledArrays, measurement
+from talkingeyes.evaluation.reference_ranges.clip_data import Measurement, PooledArrays, measure_values, measurement
 
 MIN_AMPLITUDE_DEG = 1.0  # smaller ones are fixational, and not detected at 25 fps
 MATCH_TOLERANCE_S = 0.06
 MAX_BLINK_ROTATION_DEG, ROUND_BLINK_S = 5.0, 0.05
 MIN_SACCADES, MIN_IN_BIN, ENOUGH_IN_BIN = 100, 4, 20
+MAIN_SEQUENCE_RANGES = ("vmax", "main_sequence_constant", "duration_slope", "duration_intercept", "peak_shape")
 
 
 @dataclass(frozen=True)
@@ -93,16 +94,13 @@ def _middle_s(found: Saccades) -> Float[ndarray, " N"]:
 
 def fraction_below(pool: PooledArrays, limit_deg: float) -> Measurement:
     """Fraction of amplitudes below a limit."""
-    amplitude = pool["saccade.amplitude_deg"]
-    return measurement(
-        float((amplitude < limit_deg).mean()) if len(amplitude) else np.nan, len(amplitude), "saccades", MIN_SACCADES
-    )
+    below = pool["saccade.amplitude_deg"] < limit_deg
+    return measure_values(below, np.mean, "saccades", MIN_SACCADES)
 
 
 def mean_amplitude(pool: PooledArrays) -> Measurement:
     """Mean amplitude, degrees."""
-    amplitude = pool["saccade.amplitude_deg"]
-    return measurement(float(amplitude.mean()) if len(amplitude) else np.nan, len(amplitude), "saccades", MIN_SACCADES)
+    return measure_values(pool["saccade.amplitude_deg"], np.mean, "saccades", MIN_SACCADES)
 
 
 def saccade_rate(pool: PooledArrays) -> Measurement:
@@ -120,8 +118,7 @@ def cardinal_ratio(pool: PooledArrays) -> Measurement:
 
 def largest_amplitude(pool: PooledArrays, name: str) -> Measurement:
     """The largest amplitude, degrees."""
-    amplitude = pool[f"{name}.amplitude_deg"]
-    return measurement(float(amplitude.max()) if len(amplitude) else np.nan, len(amplitude), "saccades", MIN_SACCADES)
+    return measure_values(pool[f"{name}.amplitude_deg"], np.max, "saccades", MIN_SACCADES)
 
 
 def main_sequence(amplitude_deg: Float[ndarray, " N"], peak_deg_s: Float[ndarray, " N"]) -> MainSequence:
@@ -160,22 +157,19 @@ def log_slope(pool: PooledArrays, name: str, low_deg: float, high_deg: float) ->
 
 
 def main_sequence_model(pool: PooledArrays, name: str) -> dict[str, Measurement]:
-    """Vmax (`most`) and constant, slope and intercept of duration, and peak speed x duration / amplitude (`shape`)."""
+    """Vmax and constant, slope and intercept of duration, and peak speed x duration / amplitude (`peak_shape`)."""
     amplitude, peak, duration = (pool[f"{name}.{each}"] for each in ("amplitude_deg", "peak_deg_s", "duration_s"))
     count = len(amplitude)
     if count < MIN_SACCADES:
         few = measurement(np.nan, count, "saccades", MIN_SACCADES)
-        return dict.fromkeys(("most", "constant", "slope", "intercept", "shape"), few)
+        return dict.fromkeys(MAIN_SEQUENCE_RANGES, few)
     sequence = main_sequence(amplitude, peak)
     line = _robust_line(amplitude, 1000 * duration)
-    values = {
-        "most": sequence.vmax_deg_s,
-        "constant": sequence.constant_deg,
-        "slope": line[0],
-        "intercept": line[1],
-        "shape": float(np.median(peak * duration / amplitude)),
+    shape = float(np.median(peak * duration / amplitude))
+    values = (sequence.vmax_deg_s, sequence.constant_deg, *line, shape)
+    return {
+        name: measurement(value, count, "saccades") for name, value in zip(MAIN_SEQUENCE_RANGES, values, strict=True)
     }
-    return {key: measurement(value, count, "saccades") for key, value in values.items()}
 
 
 def _robust_line(x: Float[ndarray, " N"], y: Float[ndarray, " N"]) -> Float[ndarray, " 2"]:
@@ -195,4 +189,4 @@ def peak_ratio(pool: PooledArrays, name: str, low_deg: float, high_deg: float) -
     amplitude = pool[f"{name}.amplitude_deg"]
     within = (amplitude >= low_deg) & (amplitude < high_deg)
     shown = pool[f"{name}.coarse_deg_s"][within] / pool[f"{name}.fine_deg_s"][within]
-    return measurement(float(shown.mean()) if len(shown) else np.nan, int(within.sum()), "saccades", 20)
+    return measure_values(shown, np.mean, "saccades", 20)
