@@ -23,7 +23,7 @@ import numpy as np
 
 from pipelines.audio_motion_probes import MAX_CLIPS, measure_probes, measure_towers, reference_motions
 from pipelines.regenerated_takes import extract_frame_rates, extract_further_takes, sound_of
-from pipelines.result_tables import ResultTable, as_csv, read_tables
+from pipelines.result_tables import ResultTable, as_csv
 from talkingeyes.audio.prosody import ProsodySettings, prosody
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
@@ -278,7 +278,8 @@ def write(
         with atomic_write(pictures / f"reference-ranges-{name}.png") as path:
             draw(path)
     links = {name: f"pictures/reference-ranges-{name}.png" for name in plotters}
-    tables = read_tables(page.markdown(found.measurements, recorded.measurements, what, links))
+    rows = page.table_rows(found.measurements, recorded.measurements)
+    tables = {title: ResultTable(title, page.COLUMNS, each) for title, each in rows.items()}
     for name, text in (
         ("reference_ranges.csv", as_csv(tables.values())),
         ("reference_ranges.md", summary(tables, list(recorded.measurements), what, links)),

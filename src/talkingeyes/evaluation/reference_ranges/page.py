@@ -1,4 +1,4 @@
-"""The table of reference ranges as text for a terminal and as docs/reference_ranges.md."""
+"""The table of reference ranges as text for a terminal and as Markdown cells."""
 
 from __future__ import annotations
 
@@ -13,22 +13,12 @@ RECORDING_TITLES = {
     "C": "fixations of people speaking in remote conversation, steps of at least a degree (Dembinsky et al. 2024)",
     "V": "faces in video at 30 frames per second, by OpenFace: eye angles are inaccurate and head pose is noisy",
 }
-# Why the available recordings give no value, by section of the table.
-NOT_RECORDED_REASONS = {
-    "Saccades": "too few saccades of that size, or not in these recordings",
-    "Eyes": "the recordings have one gaze direction for both eyes, and head onsets cannot be timed to 20 ms",
-    "Partner gaze": "the location of the partner was not recorded",
-    "Head": "head motion was recorded without sound",
-    "Blinks": "lids were not recorded",
-    "Lids and jaw": "lids and jaw were not recorded",
-    "Sound and motion": "gaze was recorded without sound, and there are no repeated takes of a sound",
-    "Fitting": "the true pupil positions of people are unknown",
-}
 PLOT_CAPTIONS = {
     "main-sequence": "Peak speed by amplitude at four frame rates. Dashed: main sequence; line: sampled at that rate.",
     "distributions": "Amplitudes, directions, and dwell times of both gaze states. Grey: people (dark C, light T).",
     "timeline": "One clip: sound and words, gaze in space with its states, head, blinks.",
 }
+COLUMNS = ("statistic", "published", "range", "measured", "", "count", "recordings", "source")
 NOT_MEASURED = no_measurement("not measured")
 
 
@@ -88,42 +78,20 @@ def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-def markdown(found: Measurements, recorded: Mapping[str, Measurements], what: str, pictures: Mapping[str, str]) -> str:
-    """The Markdown page. `what` describes the corpus; `pictures` maps keys of PLOT_CAPTIONS to relative paths."""
-    lines = [
-        "# Reference ranges",
-        "",
-        "Written by `make reference-ranges`. For each statistic of eyes, head, lids and jaw in speech, the table shows"
-        " published values of people, the range that a corpus should meet, and the measured value. A range tests the"
-        " data generator; it is not a claim about people. Where a range was changed, the previous one is in parentheses"
-        " with the reason. Certainty of a source: S* read, S well known, R recalled, U a prior only, D a choice, M"
-        " computed. Measurement: `src/talkingeyes/evaluation/reference_ranges/`.",
-        "",
-        f"Corpus: {what}. **{status_counts(found)}.**",
-    ]
-    for title, ranges in RANGES_BY_SECTION.items():
-        lines += [
-            "",
-            f"## {title}",
-            "",
-            "| statistic | published | range | measured | | count | recordings | source |",
-            "|---|---|---|---|---|---|---|---|",
-        ]
-        lines += [
-            _row(reference_range, found.get(reference_range.name, NOT_MEASURED), recorded) for reference_range in ranges
-        ]
-    lines += ["", "## Recorded people", "", *_people_lines(recorded), "", *_reasons(recorded)]
-    for name, path in pictures.items():
-        lines += ["", f"![{PLOT_CAPTIONS[name]}]({path})", "", PLOT_CAPTIONS[name]]
-    return "\n".join([*lines, ""])
+def table_rows(found: Measurements, recorded: Mapping[str, Measurements]) -> dict[str, tuple[tuple[str, ...], ...]]:
+    """Rows of Markdown cells under COLUMNS, by section of the table."""
+    return {
+        title: tuple(_row(each, found.get(each.name, NOT_MEASURED), recorded) for each in ranges)
+        for title, ranges in RANGES_BY_SECTION.items()
+    }
 
 
-def _row(reference_range: ReferenceRange, found: Measurement, recorded: Mapping[str, Measurements]) -> str:
+def _row(reference_range: ReferenceRange, found: Measurement, recorded: Mapping[str, Measurements]) -> tuple[str, ...]:
     state, *cells = (cell.replace("|", "\\|") for cell in _cells(reference_range, found, recorded))
     statistic, published, bounds, measurement, of, people, source = cells
     bounds = f"{bounds} ({reference_range.previous_range})" if reference_range.previous_range else bounds
     state = "**outside**" if state == "outside" else state
-    return f"| {statistic} | {published} | {bounds} | {measurement} | {state} | {of} | {people} | {source} |"
+    return statistic, published, bounds, measurement, state, of, people, source
 
 
 def label(reference_range: ReferenceRange) -> str:
@@ -156,15 +124,6 @@ def _people_lines(recorded: Mapping[str, Measurements]) -> list[str]:
     if not recorded:
         return ["No recordings of people are available."]
     return [f"- {name}: {RECORDING_TITLES[name]}" for name in recorded]
-
-
-def _reasons(recorded: Mapping[str, Measurements]) -> list[str]:
-    """Reasons for missing values of the recordings, by section."""
-    lines = ["Reasons for missing values of the recordings:", ""] if recorded else []
-    for title, ranges in RANGES_BY_SECTION.items():
-        if recorded and any(_people(reference_range, recorded) == "-" for reference_range in ranges):
-            lines.append(f"- {title}: {NOT_RECORDED_REASONS[title]}")
-    return lines
 
 
 def format_number(value: float) -> str:
