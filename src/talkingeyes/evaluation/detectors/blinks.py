@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from talkingeyes.evaluation.detectors.signal import runs, valid_frames
+from talkingeyes.evaluation.detectors.signal import TimedEvents, runs, valid_frames
 
 MIN_PEAK_CLOSURE = 0.3
 EDGE_FRACTION = 0.1
@@ -23,21 +23,11 @@ MAX_DURATION_S = 1.0
 
 
 @dataclass(frozen=True)
-class Blinks:
-    """N blinks in order of time: onset, peak and offset, and the closure of the lids at the peak (1: shut)."""
+class Blinks(TimedEvents):
+    """N blinks in order of time: time of the peak, and the closure of the lids at it (1: shut)."""
 
-    onset_s: Float[ndarray, " N"]
     peak_s: Float[ndarray, " N"]
-    offset_s: Float[ndarray, " N"]
     depth: Float[ndarray, " N"]
-
-    def __len__(self) -> int:
-        return len(self.onset_s)
-
-    @property
-    def duration_s(self) -> Float[ndarray, " N"]:
-        """Time from onset to offset."""
-        return np.asarray(self.offset_s - self.onset_s)
 
 
 def detect_blinks(
@@ -67,8 +57,8 @@ def detect_blinks(
             found.append(
                 (
                     _crossing(above, start, 1, edge) / fps,
-                    peak / fps,
                     _crossing(above, stop, -1, edge) / fps,
+                    peak / fps,
                     closure[peak],
                 )
             )

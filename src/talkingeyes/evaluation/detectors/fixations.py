@@ -14,28 +14,18 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 
 from talkingeyes.evaluation.detectors.saccades import Saccades, detect_saccades
-from talkingeyes.evaluation.detectors.signal import Runs, runs, valid_frames
+from talkingeyes.evaluation.detectors.signal import Runs, TimedEvents, runs, valid_frames
 
 MIN_DURATION_S = 0.1
 MAX_DISPERSION_DEG = 1.0
 
 
 @dataclass(frozen=True)
-class Fixations:
+class Fixations(TimedEvents):
     """N fixations in order of time: mean direction (yaw, pitch), and root mean square angle to it."""
 
-    onset_s: Float[ndarray, " N"]
-    offset_s: Float[ndarray, " N"]
     centre_rad: Float[ndarray, "N 2"]
     dispersion_deg: Float[ndarray, " N"]
-
-    def __len__(self) -> int:
-        return len(self.onset_s)
-
-    @property
-    def duration_s(self) -> Float[ndarray, " N"]:
-        """Time from onset to offset."""
-        return np.asarray(self.offset_s - self.onset_s)
 
 
 def detect_fixations(

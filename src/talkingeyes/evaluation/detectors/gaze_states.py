@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from talkingeyes.evaluation.detectors.signal import valid_frames
+from talkingeyes.evaluation.detectors.signal import TimedEvents, valid_frames
 
 RADIUS_DEG = 4.0
 MIN_DWELL_S = 0.1
@@ -24,19 +24,15 @@ MEAN_SHIFT_STEPS = 3
 
 
 @dataclass(frozen=True)
-class GazeStates:
-    """Whether gaze is averted in each frame, the direction of the partner, and N dwells in order of time."""
+class GazeStates(TimedEvents):
+    """N dwells in order of time; whether gaze is averted in each of T frames, and the direction of the partner.
+
+    The clip truncates the first and the last dwell.
+    """
 
     averted: Bool[ndarray, " T"]
     partner_rad: Float[ndarray, " 2"]
-    onset_s: Float[ndarray, " N"]
-    offset_s: Float[ndarray, " N"]
     dwell_averted: Bool[ndarray, " N"]
-
-    @property
-    def duration_s(self) -> Float[ndarray, " N"]:
-        """Time from onset to offset; the clip truncates the first and the last dwell."""
-        return np.asarray(self.offset_s - self.onset_s)
 
 
 def detect_gaze_states(
@@ -55,7 +51,7 @@ def detect_gaze_states(
     index = np.maximum.accumulate(np.where(known, np.arange(len(off)), 0))
     averted = _steady(off[index], max(1, round(MIN_DWELL_S * fps)))
     change = np.concatenate([[0], np.flatnonzero(np.diff(averted)) + 1, [len(averted)]])
-    return GazeStates(averted, partner, change[:-1] / fps, change[1:] / fps, averted[change[:-1]])
+    return GazeStates(change[:-1] / fps, change[1:] / fps, averted, partner, averted[change[:-1]])
 
 
 def densest_direction(directions_rad: Float[ndarray, "K 2"], radius_rad: float) -> Float[ndarray, " 2"]:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from talkingeyes.evaluation.detectors.signal import valid_frames
+from talkingeyes.evaluation.detectors.signal import TimedEvents, valid_frames
 
 MIN_PEAK_DEG_S = 5.0
 MIN_AMPLITUDE_DEG = 1.0
@@ -23,26 +23,16 @@ WINDOW_S = 0.08
 
 
 @dataclass(frozen=True)
-class HeadMovements:
+class HeadMovements(TimedEvents):
     """N movements in order of time; `displacement_rad` is the change of the rotation vector."""
 
-    onset_s: Float[ndarray, " N"]
-    offset_s: Float[ndarray, " N"]
     displacement_rad: Float[ndarray, "N 3"]
     peak_speed_deg_s: Float[ndarray, " N"]
-
-    def __len__(self) -> int:
-        return len(self.onset_s)
 
     @property
     def amplitude_deg(self) -> Float[ndarray, " N"]:
         """Angle between the head poses at onset and offset."""
         return np.asarray(np.degrees(np.linalg.norm(self.displacement_rad, axis=1)))
-
-    @property
-    def duration_s(self) -> Float[ndarray, " N"]:
-        """Time from onset to offset."""
-        return np.asarray(self.offset_s - self.onset_s)
 
 
 def detect_head_movements(

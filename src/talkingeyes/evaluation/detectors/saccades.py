@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 
-from talkingeyes.evaluation.detectors.signal import RAYLEIGH_MEDIAN, Runs, runs, valid_frames
+from talkingeyes.evaluation.detectors.signal import RAYLEIGH_MEDIAN, Runs, TimedEvents, runs, valid_frames
 from talkingeyes.physiology import saccades as main_sequence_model
 
 MIN_DURATION_FPS = 60.0  # below, frames are too few to measure durations
@@ -38,30 +38,20 @@ FIVE_SAMPLES_FPS = 500.0  # above this rate the five samples are spread, so that
 
 
 @dataclass(frozen=True)
-class Saccades:
+class Saccades(TimedEvents):
     """N saccades in order of time. Angles are (yaw to the subject's left, pitch up) of gaze in space.
 
     Below `MIN_DURATION_FPS` only the time of the middle is measured; the duration is that of the main sequence.
     """
 
-    onset_s: Float[ndarray, " N"]
-    offset_s: Float[ndarray, " N"]
     start_rad: Float[ndarray, "N 2"]
     displacement_rad: Float[ndarray, "N 2"]
     peak_speed_deg_s: Float[ndarray, " N"]
-
-    def __len__(self) -> int:
-        return len(self.onset_s)
 
     @property
     def amplitude_deg(self) -> Float[ndarray, " N"]:
         """Angle between the start and end directions."""
         return np.asarray(np.degrees(np.linalg.norm(self._flat_rad, axis=1)))
-
-    @property
-    def duration_s(self) -> Float[ndarray, " N"]:
-        """Time from onset to offset."""
-        return np.asarray(self.offset_s - self.onset_s)
 
     @property
     def direction_rad(self) -> Float[ndarray, " N"]:

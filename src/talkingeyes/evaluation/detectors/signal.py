@@ -1,4 +1,4 @@
-"""Input checks and runs of frames, common to all detectors.
+"""Input checks, runs of frames and timed events, common to all detectors.
 
 Input must have a supported frame rate, last at least a second, and be finite in valid frames.
 """
@@ -40,6 +40,22 @@ def runs(flags: Bool[ndarray, " T"], split_at: Bool[ndarray, " T"] | None = None
     ended = flags.copy()
     ended[:-1] &= ~flags[1:] | started[1:]
     return Runs(np.flatnonzero(started), np.flatnonzero(ended))
+
+
+@dataclass(frozen=True)
+class TimedEvents:
+    """N events in order of time."""
+
+    onset_s: Float[ndarray, " N"]
+    offset_s: Float[ndarray, " N"]
+
+    def __len__(self) -> int:
+        return len(self.onset_s)
+
+    @property
+    def duration_s(self) -> Float[ndarray, " N"]:
+        """Time from onset to offset."""
+        return np.asarray(self.offset_s - self.onset_s)
 
 
 def valid_frames(
