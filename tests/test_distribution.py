@@ -138,11 +138,6 @@ def test_balls_use_neighbours_of_other_clips() -> None:
     near = mmd.sample_windows([np.full((1, 2), 240.0)], 1, 0)
     assert coverage.precision_coverage(near, truth, 2).precise.mean() == 1
     assert coverage.precision_coverage(near, truth, 2).covered.mean() == pytest.approx(2 / 12)
-    copy = mmd.sample_windows(
-        [np.full((1, 2), 5.0)] + [np.full((1, 2), 1e6)] * 11, 12, 0
-    )  # windows of the first clip alone
-    assert coverage.precision_coverage(copy, truth, 2).covered.mean() == pytest.approx(2 / 12)
-    assert coverage.precision_coverage(copy, truth, 2, paired=True).covered.mean() == pytest.approx(1 / 12)
 
 
 def test_spectrum_agrees_with_scipy() -> None:
@@ -150,7 +145,7 @@ def test_spectrum_agrees_with_scipy() -> None:
     found = spectrum.spectrum(angles, FPS)
     frequency, density = signal.welch(np.degrees(angles), FPS, "hann", 64, detrend="linear", axis=0)
     assert found.frequency_hz == pytest.approx(frequency)
-    assert found.density[1:-1] == pytest.approx(density[1:-1])
+    assert (found.power / found.segments)[1:-1] == pytest.approx(density[1:-1])
     assert found.segments == 1 + (400 - 64) // 32
 
 

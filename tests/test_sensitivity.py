@@ -7,6 +7,7 @@ The pool is synthetic motion with a fixed seed, without sound and corpus. docs/s
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.distribution.encoder import EncoderSettings
 from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS, SWAPPED, UNCORRUPTED, apply_corruption
 from talkingeyes.evaluation.sensitivity.matrix import (
-    detected_corruptions,
+    CorruptionEffect,
     mean_l2,
     sensitivity_matrix,
     smallest_doses,
@@ -91,6 +92,11 @@ MUST_NOT = {
     "slow blinks": ("blinks/depth", "saccades/rate"),
     "timed blinks": ("blinks/rate", "blinks/duration_median", "blinks/depth", "saccades/rate"),
 }
+
+
+def detected_corruptions(effects: Mapping[str, CorruptionEffect]) -> list[str]:
+    """Names of the corruptions that a metric detects."""
+    return [name for name, each in effects.items() if name != UNCORRUPTED.name and each.detected]
 
 
 @pytest.fixture(scope="module")

@@ -84,10 +84,6 @@ def _frechet(totals: Totals, other: Totals) -> Float[ndarray, " D"]:
     return np.array([frechet(one, theirs[index % len(theirs)]) for index, one in enumerate(ours)])
 
 
-def _mmd(ours: WindowFeatures, theirs: WindowFeatures, paired: bool) -> Statistic:
-    return mmd_statistic(ours, theirs, paired)
-
-
 def _permuted(ours: WindowFeatures, theirs: WindowFeatures, paired: bool) -> Statistic:
     value = permutation_p_value(ours, theirs, PERMUTATIONS, seed=0)
     return lambda clips: value
@@ -127,7 +123,7 @@ METRICS = (
         "MMD^2",
         "",
         "unbiased MMD^2 of the features, Gaussian kernel of median width, without pairs from the same sound",
-        pairwise=_mmd,
+        pairwise=mmd_statistic,
         direction=LOWER,
         source="Gretton et al. 2012",
         caveat="can be negative; a significant difference need not be visible",

@@ -25,21 +25,15 @@ class PrecisionCoverage:
     covered: Float[ndarray, " M"]
 
 
-def precision_coverage(
-    samples: WindowFeatures, reference: WindowFeatures, neighbours: int, paired: bool = False
-) -> PrecisionCoverage:
+def precision_coverage(samples: WindowFeatures, reference: WindowFeatures, neighbours: int) -> PrecisionCoverage:
     """Compute precision and coverage of windows.
 
     The radius of a ball is the distance to the k-th neighbour among true windows of other clips, as windows of one clip
-    are too similar. `paired`: clip i of both sets is the same sound. Windows are then compared only with those of other
-    sounds, so that copying the truth gives no advantage. Truth compared with itself still covers itself: compare it
-    with other takes.
+    are too similar. Truth compared with itself covers itself: compare it with other takes.
     """
     among = cdist(reference.features, reference.features)
     among[reference.clip[:, None] == reference.clip] = np.inf
     radius = np.partition(among, neighbours - 1, axis=1)[:, neighbours - 1]
     across = cdist(samples.features, reference.features)
-    if paired:
-        across[samples.clip[:, None] == reference.clip] = np.inf
     inside = across <= radius
     return PrecisionCoverage(inside.any(axis=1).astype(float), inside.any(axis=0).astype(float))

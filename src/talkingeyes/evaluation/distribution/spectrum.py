@@ -30,11 +30,6 @@ class Spectrum:
     power: Float[ndarray, "F C"]
     segments: float
 
-    @property
-    def density(self) -> Float[ndarray, "F C"]:
-        """Mean power density over segments."""
-        return self.power / max(self.segments, 1)
-
 
 def spectrum(angles_rad: Float[ndarray, "T C"], fps: float, valid: Bool[ndarray, " T"] | None = None) -> Spectrum:
     """Spectrum of one clip: half-overlapping Hann windows, linearly detrended; segments with gaps are left out.

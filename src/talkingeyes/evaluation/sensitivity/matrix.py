@@ -16,13 +16,13 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.recordings import Recording
-from talkingeyes.evaluation.benchmark.behaviour import Behaviour, behaviour
+from talkingeyes.evaluation.benchmark.behaviour import Behaviour
 from talkingeyes.evaluation.benchmark.comparison import Accumulator, Comparison, MetricResult, extract
 from talkingeyes.evaluation.benchmark.features import Encoder, add_features, gather_features
 from talkingeyes.evaluation.benchmark.metric import HIGHER, LOWER, Metric
+from talkingeyes.evaluation.benchmark.paired import motion_behaviours
 from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate
 from talkingeyes.evaluation.distribution.encoder import EncoderSettings, MotionEncoder, fit_motion_encoder
@@ -49,15 +49,10 @@ def split_takes(talks: Sequence[SketchedClip]) -> TakeSets:
     reference, evaluated = [], []
     for talk in talks:
         half = len(talk.takes) // 2
-        motions = [_behaviour(motion, talk) for motion in talk.takes[: 2 * half]]
+        motions = motion_behaviours(talk.takes[: 2 * half], talk.annotation)
         evaluated.append([replace(each, reference=motions[0]) for each in motions[half:]])
         reference.append([replace(each, reference=motions[half]) for each in motions[:half]])
     return TakeSets(reference, evaluated, [talk.speaker for talk in talks])
-
-
-def _behaviour(motion: Motion, talk: SketchedClip) -> Behaviour:
-    fields = {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid}
-    return behaviour(motion.fps, fields, motion.valid, talk.annotation)
 
 
 def train_pool_encoder(talks: Sequence[SketchedClip], settings: EncoderSettings, seed: int) -> MotionEncoder:
@@ -115,12 +110,10 @@ def sensitivity_matrix(
     encoder: Encoder | None = None,
     strength: float = 1.0,
     corruptions: Sequence[Corruption] = CORRUPTIONS,
-    seed: int = 0,
 ) -> SensitivityMatrix:
     """Evaluate all metrics of the registry on all corruptions; metrics undefined on these takes are left out."""
     names = [each.name for each in (UNCORRUPTED, *corruptions)]
-    variants = [(each, strength) for each in (UNCORRUPTED, *corruptions)]
-    columns = list(_effects(takes, settings, encoder, variants, seed))
+    columns = list(_effects(takes, settings, encoder, [(each, strength) for each in (UNCORRUPTED, *corruptions)]))
     return {
         metric: {name: column[metric] for name, column in zip(names, columns, strict=True)} for metric in columns[0]
     }
@@ -131,12 +124,11 @@ def smallest_doses(
     settings: BootstrapSettings,
     encoder: Encoder | None = None,
     corruptions: Sequence[Corruption] = CORRUPTIONS,
-    seed: int = 0,
 ) -> SmallestDoses:
     """The smallest doses that each metric detects, for the corruptions that have doses."""
     dosed = [each for each in corruptions if each.doses]
     variants = [(each, each.strength(dose)) for each in dosed for dose in each.doses]
-    columns = _effects(takes, settings, encoder, variants, seed)
+    columns = _effects(takes, settings, encoder, variants)
     by_dose = {each.name: {dose: next(columns) for dose in each.doses} for each in dosed}
     first = next(iter(by_dose[dosed[0].name].values()))
     return {
@@ -158,14 +150,13 @@ def _effects(
     settings: BootstrapSettings,
     encoder: Encoder | None,
     variants: Iterable[tuple[Corruption, float]],
-    seed: int,
 ) -> Iterator[dict[str, CorruptionEffect]]:
     """The effect on each metric, for each corruption and strength; metrics undefined on these takes are left out."""
     fps = takes.reference[0][0].fps
     reference = accumulate(takes.reference, fps, encoder)
 
     def rows(corruption: Corruption, strength: float) -> list[MetricResult]:
-        wrong = accumulate(_corrupted(takes, corruption, strength, seed), fps, encoder)
+        wrong = accumulate(_corrupted(takes, corruption, strength), fps, encoder)
         return list(Comparison(wrong, reference, settings, paired=True).rows(METRICS))
 
     true = rows(UNCORRUPTED, 0.0)
@@ -177,12 +168,11 @@ def _effects(
         }
 
 
-def _corrupted(takes: TakeSets, corruption: Corruption, strength: float, seed: int) -> list[list[Behaviour]]:
-    """Corrupt the n-th takes of all sounds together, so that a swap uses the n-th take of another sound."""
+def _corrupted(takes: TakeSets, corruption: Corruption, strength: float) -> list[list[Behaviour]]:
+    """Corrupt the n-th takes of all sounds together with seed n, so that a swap uses the n-th take of another sound."""
     columns = zip(*takes.evaluated, strict=True)
     wrong = [
-        apply_corruption(column, takes.speakers, corruption, strength, seed + number)
-        for number, column in enumerate(columns)
+        apply_corruption(column, takes.speakers, corruption, strength, number) for number, column in enumerate(columns)
     ]
     return [list(motions) for motions in zip(*wrong, strict=True)]
 
@@ -196,9 +186,9 @@ def accumulate(sounds: Sequence[Sequence[Behaviour]], fps: float, encoder: Encod
     return found
 
 
-def mean_l2(takes: TakeSets, corruption: Corruption, seed: int = 0) -> float:
+def mean_l2(takes: TakeSets, corruption: Corruption) -> float:
     """L2 of eye-in-head to the first reference take, in radians; a constant near the mean scores best."""
-    wrong = _corrupted(takes, corruption, 1.0, seed)
+    wrong = _corrupted(takes, corruption, 1.0)
     found = []
     for motions, reference in zip(wrong, takes.reference, strict=True):
         gazes = np.stack([_gaze(motion) for motion in motions])
@@ -209,11 +199,6 @@ def mean_l2(takes: TakeSets, corruption: Corruption, seed: int = 0) -> float:
 def _gaze(motion: Behaviour) -> Float[ndarray, "T 6"]:
     assert motion.gaze is not None
     return motion.gaze.reshape(len(motion), 6)
-
-
-def detected_corruptions(of_measure: Mapping[str, CorruptionEffect]) -> list[str]:
-    """Names of the corruptions that a metric detects."""
-    return [name for name, cell in of_measure.items() if name != UNCORRUPTED.name and cell.detected]
 
 
 def _cell(row: MetricResult, true: MetricResult) -> CorruptionEffect:
