@@ -48,10 +48,8 @@ from talkingeyes.evaluation.model_selection.information import mean_log_likeliho
 from talkingeyes.evaluation.model_selection.validation_metrics import (
     DynamicsDistances,
     MotionDynamics,
-    MotionSpeeds,
     ValidateSettings,
     dynamics_distances,
-    motion_dynamics,
     speed_margins,
 )
 from talkingeyes.evaluation.paper_metrics.l2_diversity import diversity
@@ -85,7 +83,7 @@ class RowMotions:
 
 @dataclass(frozen=True)
 class SoundValidation:
-    """Results of one sound: Corr. by critic, Diversity, dynamics, speeds, statistics of the benchmark."""
+    """Results of one sound: Corr. by critic, Diversity, dynamics, statistics of the benchmark."""
 
     scores: dict[str, CorrScores]
     fitted_scores: dict[str, CorrScores]
@@ -93,9 +91,7 @@ class SoundValidation:
     head_diversity: float
     sampled: MotionDynamics
     truth: MotionDynamics
-    sampled_speeds: MotionSpeeds
-    true_speeds: MotionSpeeds
-    fitted_speeds: MotionSpeeds
+    fitted: MotionDynamics
     benchmark: SoundStatistics
     seconds: float
     log_likelihood: dict[str, float]
@@ -120,16 +116,15 @@ def run(workspace: Workspace, name: str) -> Report:
 
 
 def _figures(found: Sequence[SoundValidation], table: BenchmarkTable) -> dict[str, float]:
+    sampled, truth, fitted = (
+        MotionDynamics.pooled([getattr(clip, name) for clip in found]) for name in ("sampled", "truth", "fitted")
+    )
     return {
         **_corr([clip.scores for clip in found], ""),
         **_corr([clip.fitted_scores for clip in found], "_fitted"),
         **_diversities(found),
-        **speed_margins(
-            [clip.sampled_speeds for clip in found],
-            [clip.true_speeds for clip in found],
-            [clip.fitted_speeds for clip in found],
-        ),
-        **_named(dynamics_distances([clip.sampled for clip in found], [clip.truth for clip in found])),
+        **speed_margins(sampled, truth, fitted),
+        **_named(dynamics_distances(sampled, truth)),
         **mean_log_likelihood([clip.log_likelihood for clip in found], [clip.seconds for clip in found]),
         "metrics_worse": float(table.learnt.worse),
         "metrics_comparable": float(table.learnt.compared),
@@ -205,11 +200,9 @@ def measure_sound(paths: InputPaths, sound: SoundGroup, row: RowMotions) -> Soun
         corr_scores(evaluators.critics, speech, under, own.head, own.gaze),
         diversity(motions.gaze.reshape(*motions.gaze.shape[:2], -1)),
         diversity(motions.head),
-        motion_dynamics(motions),
-        motion_dynamics(Samples.of(clip.fps, true) if corpus.has_truth else own),
-        MotionSpeeds.of(motions),
-        MotionSpeeds.of(Samples.of(clip.fps, true) if corpus.has_truth else own),
-        MotionSpeeds.of(own),
+        MotionDynamics.of(motions),
+        MotionDynamics.of(Samples.of(clip.fps, true) if corpus.has_truth else own),
+        MotionDynamics.of(own),
         sound_statistics(motion_sets, scores, evaluators.critics, evaluators.encoder, speech, under),
         len(fitted) / clip.fps,
         row.log_likelihood,

@@ -13,7 +13,7 @@ other sounds of the speaker) as well, among models whose margins are those of th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Literal
 
 import numpy as np
@@ -62,49 +62,41 @@ class ValidateSettings(Settings):
 
 @dataclass(frozen=True)
 class MotionDynamics:
-    """Dynamics of the eyes in several motions: speed between frames, saccade amplitude, angle from straight ahead."""
+    """Dynamics of several motions: speeds between frames, amplitude of saccades, angle of gaze from straight ahead."""
 
     eye_speed_deg_s: Float[ndarray, " F"]
+    gaze_in_space_speed_deg_s: Float[ndarray, " F"]
+    head_speed_deg_s: Float[ndarray, " F"]
     saccade_amplitude_deg: Float[ndarray, " N"]
     eccentricity_deg: Float[ndarray, " P"]
 
-
-@dataclass(frozen=True)
-class MotionSpeeds:
-    """Speeds between frames of several motions of a sound, in degrees per second."""
-
-    eyes: Float[ndarray, " F"]
-    gaze_in_space: Float[ndarray, " F"]
-    head: Float[ndarray, " F"]
-
     @classmethod
-    def of(cls, samples: Samples) -> MotionSpeeds:
-        """The speeds of all samples, pooled."""
+    def of(cls, samples: Samples) -> MotionDynamics:
+        """Dynamics of all samples of a sound, pooled."""
+        space = cyclopean_gaze(gaze_in_space(samples.head, samples.gaze))
         return cls(
             eye_speed_deg_s(samples.gaze, samples.fps).ravel(),
             gaze_in_space_speed_deg_s(samples.head, samples.gaze, samples.fps).ravel(),
             head_speed_deg_s(samples.head, samples.fps).ravel(),
+            np.concatenate([detect_saccades(gaze, samples.fps).amplitude_deg for gaze in space]),
+            np.degrees(np.linalg.norm(space, axis=-1)).ravel(),
         )
 
     @classmethod
-    def pooled(cls, parts: Sequence[MotionSpeeds]) -> MotionSpeeds:
-        """The speeds of many sounds."""
-        return cls(
-            *(np.concatenate([getattr(each, name) for each in parts]) for name in ("eyes", "gaze_in_space", "head"))
-        )
+    def pooled(cls, parts: Sequence[MotionDynamics]) -> MotionDynamics:
+        """Dynamics of many sounds."""
+        return cls(*(np.concatenate([getattr(each, field.name) for each in parts]) for field in fields(cls)))
 
 
-def speed_margins(
-    sampled: Sequence[MotionSpeeds], truth: Sequence[MotionSpeeds], fitted: Sequence[MotionSpeeds]
-) -> dict[str, float]:
+def speed_margins(sampled: MotionDynamics, truth: MotionDynamics, fitted: MotionDynamics) -> dict[str, float]:
     """Speeds of samples relative to the truth's, and the time that gaze is at rest relative to fitted motion."""
-    of_samples, of_truth, of_fitted = map(MotionSpeeds.pooled, (sampled, truth, fitted))
-    top, top_of_truth = (float(np.quantile(each.eyes, 0.99)) for each in (of_samples, of_truth))
+    top, top_of_truth = (float(np.quantile(each.eye_speed_deg_s, 0.99)) for each in (sampled, truth))
+    rest, rest_of_fitted = (still_fraction(each.gaze_in_space_speed_deg_s) for each in (sampled, fitted))
     return {
-        "eye_speed_ratio": float(of_samples.eyes.mean() / of_truth.eyes.mean()),
+        "eye_speed_ratio": float(sampled.eye_speed_deg_s.mean() / truth.eye_speed_deg_s.mean()),
         "eye_speed_p99_ratio": top / top_of_truth,
-        "rest_ratio": still_fraction(of_samples.gaze_in_space) / still_fraction(of_fitted.gaze_in_space),
-        "head_speed_ratio": float(of_samples.head.mean() / of_truth.head.mean()),
+        "rest_ratio": rest / rest_of_fitted,
+        "head_speed_ratio": float(sampled.head_speed_deg_s.mean() / truth.head_speed_deg_s.mean()),
     }
 
 
@@ -122,34 +114,22 @@ class DynamicsDistances:
         return (self.eye_speed + self.saccade_amplitude) / 2
 
 
-def motion_dynamics(samples: Samples) -> MotionDynamics:
-    """Eye dynamics of all samples of a sound, pooled."""
-    space = cyclopean_gaze(gaze_in_space(samples.head, samples.gaze))
-    amplitudes = [detect_saccades(gaze, samples.fps).amplitude_deg for gaze in space]
-    return MotionDynamics(
-        eye_speed_deg_s(samples.gaze, samples.fps).ravel(),
-        np.concatenate(amplitudes),
-        np.degrees(np.linalg.norm(space, axis=-1)).ravel(),
-    )
-
-
-def dynamics_distances(sampled: Sequence[MotionDynamics], truth: Sequence[MotionDynamics]) -> DynamicsDistances:
+def dynamics_distances(sampled: MotionDynamics, truth: MotionDynamics) -> DynamicsDistances:
     """Distances between all samples, pooled, and the whole truth."""
     return DynamicsDistances(
-        distance([each.eye_speed_deg_s for each in sampled], [each.eye_speed_deg_s for each in truth]),
-        distance([each.saccade_amplitude_deg for each in sampled], [each.saccade_amplitude_deg for each in truth]),
-        distance([each.eccentricity_deg for each in sampled], [each.eccentricity_deg for each in truth]),
+        distance(sampled.eye_speed_deg_s, truth.eye_speed_deg_s),
+        distance(sampled.saccade_amplitude_deg, truth.saccade_amplitude_deg),
+        distance(sampled.eccentricity_deg, truth.eccentricity_deg),
     )
 
 
-def distance(sampled: Sequence[Float[ndarray, " _"]], truth: Sequence[Float[ndarray, " _"]]) -> float:
-    """Wasserstein distance in standard deviations of the truth.
+def distance(one: Float[ndarray, " _"], other: Float[ndarray, " _"]) -> float:
+    """Wasserstein distance in standard deviations of `other`, the truth.
 
     Without true values, the mean of the sampled values; without sampled values, the distance of zeros.
     """
     from scipy.stats import wasserstein_distance
 
-    one, other = np.concatenate(sampled), np.concatenate(truth)
     if not len(other):
         return 0.0 if not len(one) else float(one.mean())
     spread = max(float(other.std()), 1e-6)
