@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from pipelines.result_tables import read_tables
+from pipelines.result_tables import ResultTable
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
-from talkingeyes.evaluation.people.comparison import as_markdown
+from talkingeyes.evaluation.people.comparison import state_table
 from talkingeyes.evaluation.people.fixations import VALIDATION_PEOPLE, Person, read_people, split_people
 from talkingeyes.evaluation.people.likelihood import EmpiricalHistogram, PoissonGaussian, ShiftModel, Shifts, score
 from talkingeyes.orchestration.run import Workspace, run_command
@@ -170,8 +170,9 @@ def page(content: Mapping[str, Any]) -> str:
 
 
 def _table(content: Mapping[str, Any], state: str) -> str:
-    """The rows of a state that the page has."""
-    return read_tables(as_markdown(content, state))[""].markdown(SHOWN)
+    """The table of a state with the columns that the page has."""
+    heading, *rows = map(tuple, state_table(content, state))
+    return ResultTable(state, heading, tuple(rows)).markdown(SHOWN)
 
 
 def likelihood_table(content: Mapping[str, Any]) -> str:

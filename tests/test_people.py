@@ -18,7 +18,7 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.people.baselines import HALF_RANGE_DEG, uniform_gaze_deg
-from talkingeyes.evaluation.people.comparison import as_markdown, compare_with_people
+from talkingeyes.evaluation.people.comparison import compare_with_people, state_table
 from talkingeyes.evaluation.people.distance import measure_distance, measure_floor, people_values
 from talkingeyes.evaluation.people.fixations import (
     VALIDATION_PEOPLE,
@@ -322,7 +322,7 @@ def test_command_shows_the_baselines_first_and_writes_json(corpus, table, tmp_pa
     assert content["tracker"]["noise_deg"] == TRACKER.noise_deg
     text = people_text(found)
     assert "while listening" in text and "mean ratio (at most 0.5)" in text
-    assert as_markdown(content, "speaking").count("\n") == len(MEASURES) + 5
+    assert len(state_table(content, "speaking")) == len(MEASURES) + 5
     with pytest.raises(InputError, match="--force"):
         evaluate_people(corpus / "truth", table, tmp_path / "out", reference=corpus, n_resamples=20)
 

@@ -7,6 +7,7 @@ plus (max - min) of pitch, is at most 1 degree. Both use gaze in space.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,10 +23,9 @@ MAX_DISPERSION_DEG = 1.0
 
 @dataclass(frozen=True)
 class Fixations(TimedEvents):
-    """N fixations in order of time: mean direction (yaw, pitch), and root mean square angle to it."""
+    """N fixations in order of time: mean direction (yaw, pitch)."""
 
     centre_rad: Float[ndarray, "N 2"]
-    dispersion_deg: Float[ndarray, " N"]
 
 
 def detect_fixations(
@@ -62,31 +62,37 @@ def detect_fixations_idt(
     """Detect fixations with I-DT: a window of 100 ms within the extent grows until it exceeds it. Raises InputError."""
     known = valid_frames("gaze in space", gaze_in_space_rad, fps, valid)
     extent = np.radians(MAX_DISPERSION_DEG)
-    window = max(2, int(np.ceil(MIN_DURATION_S * fps - 1e-9)) + 1)
-    points = np.where(known[:, None], gaze_in_space_rad, np.inf).tolist()
-    first, last = [], []
-    start = 0
-    while start + window <= len(points):
-        stop = _grown(points, start, extent)
-        if stop - start < window:
-            start += 1
-            continue
-        first.append(start)
-        last.append(stop - 1)
-        start = stop
-    found = Runs(np.array(first, np.int64), np.array(last, np.int64))
+    min_frames = max(2, int(np.ceil(MIN_DURATION_S * fps - 1e-9)) + 1)
+    points = np.where(known[:, None], gaze_in_space_rad, np.inf)
+    spans = low_dispersion_spans(points, min_frames, lambda x, y: x + y <= extent)
+    found = Runs(*np.array(spans, np.int64).reshape(-1, 2).T)
     return _described(gaze_in_space_rad, found, found.first / fps, found.last / fps)
 
 
-def _grown(points: list[list[float]], start: int, extent: float) -> int:
-    """End (exclusive) of the longest window from `start` within the extent."""
-    low_yaw = high_yaw = points[start][0]
-    low_pitch = high_pitch = points[start][1]
+def low_dispersion_spans(
+    points: Float[ndarray, "T 2"], min_frames: int, within: Callable[[float, float], bool]
+) -> list[tuple[int, int]]:
+    """First and last frame of each span of `min_frames` or more by I-DT; `within` judges its extents in x and y."""
+    found, start, listed = [], 0, points.tolist()
+    while start + min_frames <= len(listed):
+        stop = _grown(listed, start, within)
+        if stop - start < min_frames:
+            start += 1
+            continue
+        found.append((start, stop - 1))
+        start = stop
+    return found
+
+
+def _grown(points: list[list[float]], start: int, within: Callable[[float, float], bool]) -> int:
+    """End (exclusive) of the longest span from `start` whose extents are within the limit."""
+    low_x = high_x = points[start][0]
+    low_y = high_y = points[start][1]
     for stop in range(start, len(points)):
-        yaw, pitch = points[stop]
-        low_yaw, high_yaw = min(low_yaw, yaw), max(high_yaw, yaw)
-        low_pitch, high_pitch = min(low_pitch, pitch), max(high_pitch, pitch)
-        if not high_yaw - low_yaw + high_pitch - low_pitch <= extent:
+        x, y = points[stop]
+        low_x, high_x = min(low_x, x), max(high_x, x)
+        low_y, high_y = min(low_y, y), max(high_y, y)
+        if not within(high_x - low_x, high_y - low_y):
             return stop
     return len(points)
 
@@ -100,16 +106,12 @@ def _described(
     """Build fixations from runs of frames, dropping those that are too short."""
     long = offset_s - onset_s >= MIN_DURATION_S - 1e-9
     kept = frames.where(long)
-    counts = kept.last - kept.first + 1
-    centre = _means(gaze_in_space_rad, kept.first, kept.last)
-    index = np.repeat(kept.first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
-    owner = np.repeat(np.arange(len(kept)), counts)
-    away = gaze_in_space_rad[index] - centre[owner]
-    away[:, 0] *= np.cos(centre[owner, 1])
-    square = np.bincount(owner, (away**2).sum(axis=1), minlength=len(kept)) / np.maximum(counts, 1)
-    return Fixations(onset_s[long], offset_s[long], centre, np.degrees(np.sqrt(square)))
+    return Fixations(onset_s[long], offset_s[long], mean_directions(gaze_in_space_rad, kept.first, kept.last))
 
 
-def _means(values: Float[ndarray, "T 2"], first: Int[ndarray, " N"], last: Int[ndarray, " N"]) -> Float[ndarray, "N 2"]:
-    summed = np.concatenate([np.zeros((1, 2)), np.cumsum(np.nan_to_num(values), axis=0)])
+def mean_directions(
+    directions: Float[ndarray, "T 2"], first: Int[ndarray, " N"], last: Int[ndarray, " N"]
+) -> Float[ndarray, "N 2"]:
+    """Mean direction from the first to the last frame of each of N spans."""
+    summed = np.concatenate([np.zeros((1, 2)), np.cumsum(np.nan_to_num(directions), axis=0)])
     return np.asarray((summed[last + 1] - summed[first]) / (last - first + 1)[:, None])

@@ -13,7 +13,6 @@ import numpy as np
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.evaluation.people.distance import (
     MIN_SPEAKERS,
     measure_distance,
@@ -170,9 +169,3 @@ def as_text(content: Content) -> str:
         ]
         parts.append("\n".join([f"while {state}", *lines]))
     return "\n\n".join(parts)
-
-
-def as_markdown(content: Content, state: str) -> str:
-    """The table of one state in Markdown."""
-    heading, *lines = state_table(content, state)
-    return markdown_table(heading, lines)

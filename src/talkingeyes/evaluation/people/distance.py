@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, percentile_interval
-from talkingeyes.evaluation.people.fixations import FixationRecord, Person
+from talkingeyes.evaluation.people.fixations import FixationRecord, Person, join_records
 from talkingeyes.evaluation.people.measures import MEASURES, measure_person
 from talkingeyes.physiology.gaze_population import STATES
 
@@ -88,19 +88,9 @@ def pool_speakers(speakers: Sequence[Person]) -> Person:
     """All speakers as one, relative to their homes."""
     records: dict[str, FixationRecord] = {}
     for state in STATES:
-        parts = [speaker.records[state] for speaker in speakers]
-        segments = [each.segment + offset for each, offset in zip(parts, _offsets(parts), strict=True)]
-        centres = [each.centre_deg - speaker.home_deg for each, speaker in zip(parts, speakers, strict=True)]
-        onset_s, duration_s = (
-            np.concatenate([getattr(each, key) for each in parts]) for key in ("onset_s", "duration_s")
-        )
-        records[state] = FixationRecord(np.concatenate(segments), onset_s, duration_s, np.concatenate(centres))
+        own = ((each.records[state], each.home_deg) for each in speakers)
+        records[state] = join_records([replace(one, centre_deg=one.centre_deg - home_deg) for one, home_deg in own])
     return Person("all", records)
-
-
-def _offsets(records: Sequence[FixationRecord]) -> list[int]:
-    counts = [int(record.segment.max(initial=-1)) + 1 for record in records]
-    return [0, *np.cumsum(counts)[:-1].tolist()]
 
 
 def measure_distance(

@@ -98,6 +98,15 @@ class Person:
         return np.asarray((away**2).sum(axis=1) > RADIUS_DEG**2)
 
 
+def join_records(records: Sequence[FixationRecord]) -> FixationRecord:
+    """Records one after the other, in segments of their own."""
+    counts = [record.segment.max(initial=-1) + 1 for record in records]
+    segments = [record.segment + start for record, start in zip(records, np.cumsum([0, *counts]), strict=False)]
+    names = ("onset_s", "duration_s", "centre_deg")
+    arrays = (np.concatenate([getattr(each, name) for each in records]) for name in names)
+    return FixationRecord(np.concatenate(segments), *arrays)
+
+
 def merge_fixations(record: FixationRecord) -> FixationRecord:
     """Join consecutive fixations nearer than MERGE_DEG; a gap above 0.2 s between fixations begins a segment."""
     first: list[int] = []

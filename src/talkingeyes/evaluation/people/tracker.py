@@ -27,8 +27,9 @@ from numpy import ndarray
 from scipy.signal import lfilter
 
 from talkingeyes.corpus.gaze_datasets import CONVERSATION_CM, CONVERSATION_CM_PER_PX, CONVERSATION_RATE_HZ
+from talkingeyes.evaluation.detectors.fixations import low_dispersion_spans, mean_directions
 from talkingeyes.evaluation.detectors.signal import runs
-from talkingeyes.evaluation.people.fixations import FixationRecord, Person, merge_fixations
+from talkingeyes.evaluation.people.fixations import FixationRecord, Person, join_records, merge_fixations
 from talkingeyes.physiology.gaze_population import STATES
 
 DISPERSION_PX = 30.0
@@ -110,39 +111,23 @@ def detect_screen_fixations(samples: Samples) -> dict[str, FixationRecord]:
     rows: list[tuple[int, int, int, int]] = []  # state, segment, start, stop
     segments = 0
     for first, last in zip(valid.first, valid.last, strict=True):
-        spans = [(first + start, first + stop) for start, stop in _dispersion_spans(samples.px[first : last + 1])]
+        in_run = low_dispersion_spans(samples.px[first : last + 1], MIN_SAMPLES, _is_fixation)
+        spans = [(first + start, first + end + 1) for start, end in in_run]
         for state, group in groupby(spans, key=lambda span: int(samples.state[span[0]])):
             rows += [(state, segments, *span) for span in list(group)[:-1]]
             segments += 1
     table = np.array(rows, int).reshape(-1, 4)
-    sums = np.concatenate([np.zeros((1, 2)), np.cumsum(np.where(samples.lost[:, None], 0.0, centre_deg), axis=0)])
     found: dict[str, FixationRecord] = {}
     for index, name in enumerate(STATES):
         _, segment, start, stop = table[table[:, 0] == index].T
-        mean = (sums[stop] - sums[start]) / (stop - start)[:, None]
+        centre = mean_directions(np.where(samples.lost[:, None], 0.0, centre_deg), start, stop - 1)
         times = (start / CONVERSATION_RATE_HZ, (stop - start) / CONVERSATION_RATE_HZ)
-        found[name] = FixationRecord(segment, *times, np.asarray(mean))
+        found[name] = FixationRecord(segment, *times, centre)
     return found
 
 
-def _dispersion_spans(px: Float[ndarray, "T 2"]) -> list[tuple[int, int]]:
-    """First sample and end of each fixation in a valid run: MIN_SAMPLES or more within DISPERSION_PX."""
-    points: list[list[float]] = px.tolist()
-    spans, start = [], 0
-    while start + MIN_SAMPLES <= len(points):
-        stop = start
-        low, high = list(points[start]), list(points[start])
-        for x, y in points[start:]:
-            low, high = [min(low[0], x), min(low[1], y)], [max(high[0], x), max(high[1], y)]
-            if high[0] - low[0] > DISPERSION_PX or high[1] - low[1] > DISPERSION_PX:
-                break
-            stop += 1
-        if stop - start < MIN_SAMPLES:
-            start += 1
-            continue
-        spans.append((start, stop))
-        start = stop
-    return spans
+def _is_fixation(x_extent_px: float, y_extent_px: float) -> bool:
+    return max(x_extent_px, y_extent_px) <= DISPERSION_PX
 
 
 def record_person(name: str, clips: Sequence[GazeClip], tracker: Tracker, rng: np.random.Generator) -> Person:
@@ -150,19 +135,7 @@ def record_person(name: str, clips: Sequence[GazeClip], tracker: Tracker, rng: n
     frames = np.concatenate([clip.gaze_deg[~clip.lost] for clip in clips])
     middle = np.median(frames, axis=0) if len(frames) else np.zeros(2)
     found = [detect_screen_fixations(track(clip, middle, tracker, rng)) for clip in clips]
-    return Person(name, {state: _joined([each[state] for each in found]) for state in STATES})
-
-
-def _joined(records: Sequence[FixationRecord]) -> FixationRecord:
-    """Records one after the other, in segments of their own, merged."""
-    segments, offset = [], 0
-    for record in records:
-        segments.append(record.segment + offset)
-        offset += int(record.segment.max(initial=0)) + 1
-    arrays = [
-        np.concatenate([getattr(each, key) for each in records]) for key in ("onset_s", "duration_s", "centre_deg")
-    ]
-    return merge_fixations(FixationRecord(np.concatenate(segments), *arrays))
+    return Person(name, {state: merge_fixations(join_records([each[state] for each in found])) for state in STATES})
 
 
 def record_again(person: Person, tracker: Tracker, rng: np.random.Generator) -> Person:
