@@ -7,8 +7,6 @@ Writes  docs/sensitivity.md, docs/sensitivity.csv, docs/sensitivity_doses.csv
 
 from __future__ import annotations
 
-import csv
-import io
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,7 +16,7 @@ import yaml
 from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.distribution.encoder import EncoderSettings
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_row
+from talkingeyes.evaluation.paper_metrics.table3 import csv_text, markdown_row
 from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS, HALVINGS, UNCORRUPTED, Corruption
 from talkingeyes.evaluation.sensitivity.matrix import (
     CorruptionEffect,
@@ -209,25 +207,21 @@ def page(
 
 def table(found: SensitivityMatrix, columns: Sequence[Corruption]) -> str:
     """CSV with a line per metric and a column per corruption."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["metric", *("true" if each is UNCORRUPTED else each.name for each in columns)])
+    lines = [["metric", *("true" if each is UNCORRUPTED else each.name for each in columns)]]
     for metric in METRICS:
         if cells := found.get(metric.name):
-            writer.writerow([metric.name, *(_written(cells[each.name]) for each in columns)])
-    return text.getvalue()
+            lines.append([metric.name, *(_written(cells[each.name]) for each in columns)])
+    return csv_text(lines)
 
 
 def dose_table(doses: SmallestDoses) -> str:
     """CSV with a line per metric and the smallest dose of each corruption; empty where it detects none."""
     dosed = [each for each in CORRUPTIONS if each.doses]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["metric", *(f"{each.name} ({each.unit})" for each in dosed)])
+    lines = [["metric", *(f"{each.name} ({each.unit})" for each in dosed)]]
     for metric in METRICS:
         if cells := doses.get(metric.name):
-            writer.writerow([metric.name, *(_dose(cells[each.name], "") for each in dosed)])
-    return text.getvalue()
+            lines.append([metric.name, *(_dose(cells[each.name], "") for each in dosed)])
+    return csv_text(lines)
 
 
 def _fault(found: SensitivityMatrix, doses: SmallestDoses, corruption: Corruption) -> list[str]:

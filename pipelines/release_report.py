@@ -48,10 +48,9 @@ from talkingeyes.evaluation.benchmark.table import markdown as benchmark_markdow
 from talkingeyes.evaluation.bootstrap import Estimate, bootstrap, mean_statistic
 from talkingeyes.evaluation.critic.evaluators import Evaluators
 from talkingeyes.evaluation.face.summary import summarise_face
-from talkingeyes.evaluation.face.table import Column
 from talkingeyes.evaluation.model_selection.validation_metrics import ValidateSettings
 from talkingeyes.evaluation.paper_metrics.requirements import model_requirements, model_requirements_table
-from talkingeyes.evaluation.paper_metrics.table3 import TITLES, markdown_table
+from talkingeyes.evaluation.paper_metrics.table3 import TITLES, Column, markdown_table
 from talkingeyes.orchestration.config import compose, write_params
 from talkingeyes.orchestration.mlflow_logging import revision
 from talkingeyes.orchestration.run import SEAL, Workspace, parallel_map, run_command

@@ -5,13 +5,11 @@ Used by: pipelines.posegan_table, pipelines.reference_ranges, pipelines.referenc
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
+from talkingeyes.evaluation.paper_metrics.table3 import csv_text, markdown_table
 
 BORDER = re.compile(r"(?<!\\)\|")
 SMALL_PRINT = re.compile(r" ?<sub>(.*?)</sub>")
@@ -46,11 +44,9 @@ def read_tables(markdown: str) -> dict[str, ResultTable]:
 
 def as_csv(tables: Iterable[ResultTable]) -> str:
     """All tables as CSV, one under the other, the section in the first column; small print is in brackets."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    for table in tables:
-        writer.writerows([[table.section or "section", *map(_plain, row)] for row in (table.columns, *table.rows)])
-    return text.getvalue()
+    return csv_text(
+        [table.section or "section", *map(_plain, row)] for table in tables for row in (table.columns, *table.rows)
+    )
 
 
 def _plain(cell: str) -> str:

@@ -14,7 +14,7 @@ from numpy import ndarray
 from talkingeyes.core.kinematics import STILL_THRESHOLD_DEG_S
 from talkingeyes.core.rotation import direction_to_angles, gaze_in_space, rotvec_to_direction
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.evaluation.paper_metrics.table3 import TITLES, Column, MethodMetrics, metric, order_rows
+from talkingeyes.evaluation.paper_metrics.table3 import TITLES, Column, MethodMetrics, metric_of, order_rows
 
 COLOURS = {
     "truth": "#111111",
@@ -31,13 +31,13 @@ COLOURS = {
     "talkingeyes_live": "#1b9e77",
 }
 PANELS = (
-    Column("Diversity / truth\neye-in-head", "gaze", "diversity_ratio"),
-    Column("L2 to fitted\neye-in-head, radians", "gaze", "l2"),
-    Column("Corr.\neye-in-head", "gaze", "corr"),
-    Column("Corr.\ngaze in space", "gaze_in_space", "corr"),
-    Column("Corr.\nhead", "head", "corr"),
-    Column("Eye speed\n/ truth", "gaze", "speed_ratio"),
-    Column("Gaze in space\nstill, fraction", "gaze_in_space", "still_fraction"),
+    Column("Diversity / truth\neye-in-head", "gaze/diversity_ratio"),
+    Column("L2 to fitted\neye-in-head, radians", "gaze/l2"),
+    Column("Corr.\neye-in-head", "gaze/corr"),
+    Column("Corr.\ngaze in space", "gaze_in_space/corr"),
+    Column("Corr.\nhead", "head/corr"),
+    Column("Eye speed\n/ truth", "gaze/speed_ratio"),
+    Column("Gaze in space\nstill, fraction", "gaze_in_space/still_fraction"),
 )
 PARTS = {"gaze": "eye-in-head", "gaze_in_space": "gaze in space", "head": "head"}
 
@@ -59,7 +59,7 @@ def plot_metrics(rows: Mapping[str, MethodMetrics], path: Path) -> None:
     for axis, column in zip(axes, PANELS, strict=True):
         for split, marker, shift in (("test", "o", 0.13), ("unseen", "D", -0.13)):
             for name, y in zip(names, height, strict=True):
-                found = metric(rows[name], split, column.part, column.metric)
+                found = metric_of(column, rows[name], split)
                 if found:
                     colour = COLOURS.get(name, "black")
                     axis.plot([found["low"], found["high"]], [y + shift] * 2, color=colour, linewidth=1.4, alpha=0.7)
@@ -82,8 +82,8 @@ def plot_metrics(rows: Mapping[str, MethodMetrics], path: Path) -> None:
 
 
 def _mark_reference(axis: Any, rows: Mapping[str, MethodMetrics], column: Column) -> None:
-    row = "fitted" if column.metric in ("corr", "l2") else "truth"
-    found = metric(rows.get(row, {}), "test", column.part, column.metric)
+    row = "fitted" if column.metric.endswith(("/corr", "/l2")) else "truth"
+    found = metric_of(column, rows.get(row, {}), "test")
     if found:
         axis.axvline(found["value"], color="0.3", linewidth=0.9, linestyle=":", zorder=0)
 

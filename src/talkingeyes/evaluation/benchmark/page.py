@@ -7,7 +7,6 @@ Reads   docs/sensitivity_doses.csv (benchmarks/sensitivity.py): which metrics de
 from __future__ import annotations
 
 import csv
-import io
 import sys
 from itertools import groupby
 from pathlib import Path
@@ -16,6 +15,7 @@ from talkingeyes.evaluation.benchmark.document import VERSION
 from talkingeyes.evaluation.benchmark.metric import CLOSER, Metric
 from talkingeyes.evaluation.benchmark.metric_class import class_of, code_of
 from talkingeyes.evaluation.benchmark.registry import METRICS
+from talkingeyes.evaluation.paper_metrics.table3 import csv_text
 
 INTRODUCTION = """# The gaze benchmark
 
@@ -141,11 +141,7 @@ def _smallest_doses(path: Path) -> dict[str, list[str]]:
 
 def metrics_csv() -> str:
     """The description of every metric as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(CSV_COLUMNS)
-    writer.writerows(_cells(each) for each in _sorted())
-    return text.getvalue()
+    return csv_text([CSV_COLUMNS, *map(_cells, _sorted())])
 
 
 def _sorted() -> list[Metric]:

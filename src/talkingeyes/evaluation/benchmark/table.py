@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,6 +10,7 @@ from talkingeyes.evaluation.benchmark.comparison import MetricResult
 from talkingeyes.evaluation.benchmark.document import SCHEMA, VERSION, BenchmarkDocument
 from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.bootstrap import Estimate
+from talkingeyes.evaluation.paper_metrics.table3 import aligned, csv_text
 
 ESTIMATES = ("value", "reference", "difference")
 LIMITS = ("value", "low", "high")
@@ -56,11 +55,9 @@ def from_json(content: Mapping[str, Any]) -> list[MetricResult]:
 def to_csv(rows: Sequence[MetricResult], random: Sequence[MetricResult] = ()) -> str:
     """CSV with one line for each metric, with the values of the baseline `random` if given."""
     baseline = {row.metric.name: row for row in random}
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     limits = [f"{name}{'' if limit == 'value' else '_' + limit}" for name in ESTIMATES for limit in LIMITS]
     more = ("random", "random_worse") if random else ()
-    writer.writerow(["metric", "unit", "direction", "count", "count_unit", *limits, "worse", "reason", *more])
+    lines = [["metric", "unit", "direction", "count", "count_unit", *limits, "worse", "reason", *more]]
     for row in rows:
         cells = [
             f"{getattr(found, limit):.6g}" if (found := getattr(row, name)) else ""
@@ -71,8 +68,8 @@ def to_csv(rows: Sequence[MetricResult], random: Sequence[MetricResult] = ()) ->
         description = (metric.name, metric.unit, metric.direction, row.count, metric.count_unit)
         other = baseline.get(metric.name)
         beside = (f"{other.value.value:.6g}" if other and other.value else "", _flag(other)) if random else ()
-        writer.writerow([*description, *cells, _flag(row), row.reason, *beside])
-    return text.getvalue()
+        lines.append([*description, *cells, _flag(row), row.reason, *beside])
+    return csv_text(lines)
 
 
 def _flag(row: MetricResult | None) -> str:
@@ -89,10 +86,7 @@ def as_text(rows: Sequence[MetricResult], random: Sequence[MetricResult] = ()) -
         beside = ("! " if other.worse else "") + f"{other.value.value:.3g}" if other and other.value else ""
         marked = ("!" if row.worse else "", row.metric.name, format_estimate(row.value), format_estimate(row.reference))
         cells.append((*marked, *([beside] if random else []), row.metric.unit, row.reason))
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)][:-1]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(line, [*widths, 0], strict=True)).rstrip() for line in cells
-    )
+    return aligned(cells)
 
 
 def markdown(tables: Mapping[str, Sequence[MetricResult]], titles: Mapping[str, str]) -> str:

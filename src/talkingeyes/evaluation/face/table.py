@@ -8,10 +8,9 @@ head and split: compare the order of rows, not the values.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
-from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, markdown_table
+from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, Column, markdown_table
 
 # {metric: {value, low, high}} of one row and split; over seeds also {seed_min, seed_max}.
 MetricEstimates = Mapping[str, Mapping[str, float]]
@@ -47,15 +46,6 @@ PUBLISHED = {
     "probtalk3d_no_emotion": (0.7799, 57.94, 5.79, 53.23, 49.89, 0.3136),
 }
 PAPER_COLUMNS = ("MVE", "LVE²", "FDD", "MEE²", "CE²", "Div.")
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column: heading, metric and number of decimals."""
-
-    heading: str
-    metric: str
-    digits: int
 
 
 ERROR_COLUMNS = (

@@ -47,33 +47,32 @@ INTERVALS = ("low", "high", "speakers_low", "speakers_high")  # over clips, over
 
 @dataclass(frozen=True)
 class Column:
-    """A column: heading, part and metric, and number of decimals."""
+    """A column: heading, metric (its name, or part/name) and number of decimals."""
 
     heading: str
-    part: str
     metric: str
     digits: int = 3
 
 
 COLUMNS = {
     "gaze": (
-        Column("Div.", "gaze", "diversity"),
-        Column("Div. ratio to truth", "gaze", "diversity_ratio", 2),
-        Column("Corr. eye-in-head", "gaze", "corr"),
-        Column("Corr. gaze in space", "gaze_in_space", "corr"),
-        Column("L2", "gaze", "l2"),
-        Column("speed °/s", "gaze", "speed", 1),
-        Column("99th percentile speed °/s", "gaze", "speed_p99", 0),
-        Column("still frames, eyes", "gaze", "still_fraction", 2),
-        Column("still frames, gaze in space", "gaze_in_space", "still_fraction", 2),
+        Column("Div.", "gaze/diversity"),
+        Column("Div. ratio to truth", "gaze/diversity_ratio", 2),
+        Column("Corr. eye-in-head", "gaze/corr"),
+        Column("Corr. gaze in space", "gaze_in_space/corr"),
+        Column("L2", "gaze/l2"),
+        Column("speed °/s", "gaze/speed", 1),
+        Column("99th percentile speed °/s", "gaze/speed_p99", 0),
+        Column("still frames, eyes", "gaze/still_fraction", 2),
+        Column("still frames, gaze in space", "gaze_in_space/still_fraction", 2),
     ),
     "head": (
-        Column("Div.", "head", "diversity"),
-        Column("Div. ratio to truth", "head", "diversity_ratio", 2),
-        Column("Corr.", "head", "corr"),
-        Column("L2", "head", "l2"),
-        Column("speed °/s", "head", "speed", 1),
-        Column("99th percentile speed °/s", "head", "speed_p99", 0),
+        Column("Div.", "head/diversity"),
+        Column("Div. ratio to truth", "head/diversity_ratio", 2),
+        Column("Corr.", "head/corr"),
+        Column("L2", "head/l2"),
+        Column("speed °/s", "head/speed", 1),
+        Column("99th percentile speed °/s", "head/speed_p99", 0),
     ),
 }
 CSV_COLUMNS = tuple(dict.fromkeys((*COLUMNS["gaze"], *COLUMNS["head"])))
@@ -91,6 +90,11 @@ def metric(table: MethodMetrics, split: str, part: str, name: str) -> Mapping[st
     return found
 
 
+def metric_of(column: Column, table: MethodMetrics, split: str) -> Mapping[str, float] | None:
+    """The metric of a column whose metric is part/name."""
+    return metric(table, split, *column.metric.split("/"))
+
+
 def markdown(rows: Mapping[str, MethodMetrics]) -> str:
     """Markdown tables of eyes (Table III) and head for each split."""
     lines: list[str] = []
@@ -105,26 +109,24 @@ def markdown(rows: Mapping[str, MethodMetrics]) -> str:
 
 def to_csv(rows: Mapping[str, MethodMetrics]) -> str:
     """CSV of the same tables, one line for each split and row, with the limits of every interval."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    headings = [f"{column.part}_{column.metric}" for column in CSV_COLUMNS]
+    headings = [column.metric.replace("/", "_") for column in CSV_COLUMNS]
     limits = [f"{heading}{limit}" for heading in headings for limit in ("", *(f"_{each}" for each in INTERVALS))]
     papers = [f"paper_{part}_{name}" for part in PUBLISHED for name in ("diversity", "corr", "l2")]
-    writer.writerow(["split", "row", *limits, *papers])
+    lines = [["split", "row", *limits, *papers]]
     for split in SPLIT_TITLES:
         for name in order_rows(rows):
             cells: list[str] = []
             for column in CSV_COLUMNS:
-                found = metric(rows[name], split, column.part, column.metric)
+                found = metric_of(column, rows[name], split)
                 cells += [f"{found[key]:.6g}" if found else "" for key in ("value", *INTERVALS)]
             for of_part in PUBLISHED.values():
                 cells += [str(value) for value in of_part.get(name, ("", "", ""))]
-            writer.writerow([split, name, *cells])
-    return text.getvalue()
+            lines.append([split, name, *cells])
+    return csv_text(lines)
 
 
 def _cells(name: str, table: MethodMetrics, split: str, part: str) -> list[str]:
-    found = [(column, metric(table, split, column.part, column.metric)) for column in COLUMNS[part]]
+    found = [(column, metric_of(column, table, split)) for column in COLUMNS[part]]
     paper = PUBLISHED[part].get(name)
     return [
         TITLES.get(name, name),
@@ -145,6 +147,19 @@ def markdown_row(cells: Sequence[str]) -> str:
 def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A Markdown table."""
     return "\n".join(map(markdown_row, [headings, ["---"] * len(headings), *rows]))
+
+
+def csv_text(rows: Iterable[Sequence[object]]) -> str:
+    """Rows as CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of cells as text for a terminal, in columns of equal width."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
 
 
 def critic_table(report: Mapping[str, Any]) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate
+from talkingeyes.evaluation.paper_metrics.table3 import aligned
 from talkingeyes.evaluation.people.distance import (
     MIN_SPEAKERS,
     measure_distance,
@@ -162,10 +163,5 @@ def as_text(content: Content) -> str:
     """The tables for a terminal."""
     parts = []
     for state in content["states"]:
-        table = state_table(content, state)
-        widths = [max(len(line[column]) for line in table) for column in range(len(table[0]))]
-        lines = [
-            "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in table
-        ]
-        parts.append("\n".join([f"while {state}", *lines]))
+        parts.append(f"while {state}\n{aligned(state_table(content, state))}")
     return "\n\n".join(parts)

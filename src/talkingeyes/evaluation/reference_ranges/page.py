@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
+from talkingeyes.evaluation.paper_metrics.table3 import aligned
 from talkingeyes.evaluation.reference_ranges.clip_data import Measurement, no_measurement
 from talkingeyes.evaluation.reference_ranges.measurements import Measurements
 from talkingeyes.evaluation.reference_ranges.ranges import RANGES_BY_SECTION, REFERENCE_RANGES, ReferenceRange
@@ -51,7 +52,7 @@ def as_text(found: Measurements, recorded: Mapping[str, Measurements]) -> str:
         lines += [
             "",
             title,
-            *_aligned([("", "statistic", "published", "range", "measured", "count", "recordings", "source"), *rows]),
+            aligned([("", "statistic", "published", "range", "measured", "count", "recordings", "source"), *rows]),
         ]
     return "\n".join([*lines, "", status_counts(found), *_people_lines(recorded)])
 
@@ -71,11 +72,6 @@ def _cells(
         _people(reference_range, recorded),
         reference_range.source,
     )
-
-
-def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def table_rows(found: Measurements, recorded: Mapping[str, Measurements]) -> dict[str, tuple[tuple[str, ...], ...]]:

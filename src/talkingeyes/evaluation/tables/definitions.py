@@ -10,18 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from talkingeyes.evaluation.paper_metrics.table3 import Column
+
 # The two families of rows.
 PRINTED, SEQUENCE = "printed", "sequence"
 FAMILIES = {PRINTED: "as printed", SEQUENCE: "codes in sequence"}
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column: heading, metric (part/name as in `row_metrics.py`) and number of decimals."""
-
-    heading: str
-    metric: str
-    digits: int = 3
 
 
 @dataclass(frozen=True)
