@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy import ndarray
 
@@ -64,7 +63,6 @@ def plot_parameters(head: HeadModel, path: Path) -> None:
     middle = head.eye_centres.mean(axis=0)
     view = Framing(0.046, (0.0, float(middle[1]), float(middle[2]))).view(WIDTH_PX, HEIGHT_PX)
     figure = Figure(figsize=(9.6, 6.3), layout="constrained")
-    FigureCanvasAgg(figure)
     pictures = HeadRenderer(head, view).draw(static_motion(gaze_deg=postures[:, :2], lid=postures[:, 2]))
     for axis, name, image in zip(figure.subplots(3, 2).flat, POSTURES, pictures, strict=True):
         axis.imshow(image)
@@ -86,7 +84,6 @@ def plot_tracks(
         "nodding of the\nhead, degrees\n(up is up)": nodding,
     }
     figure = Figure(figsize=(11.0, 6.4), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(4, 1, sharex=True, height_ratios=[1.1, 1, 1, 1])
     axes[0].plot(np.arange(len(sound)) / SAMPLE_RATE, sound, color="0.35", linewidth=0.4)
     axes[0].set_yticks([])

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.figure import Figure
 from numpy import ndarray
 
 from talkingeyes.core.kinematics import STILL_THRESHOLD_DEG_S
@@ -53,8 +54,8 @@ class Trace:
 def plot_metrics(rows: Mapping[str, MethodMetrics], path: Path) -> None:
     """Plot metrics of all rows with intervals; a line marks the true motion (for L2 and Corr.: the fitted motion)."""
     names = order_rows(rows)
-    canvas = _figure(12.5, 1.6 + 0.36 * len(names))
-    axes = canvas.subplots(1, len(PANELS), sharey=True)
+    figure = Figure(figsize=(12.5, 1.6 + 0.36 * len(names)), layout="constrained")
+    axes = figure.subplots(1, len(PANELS), sharey=True)
     height = np.arange(len(names))[::-1]
     for axis, column in zip(axes, PANELS, strict=True):
         for split, marker, shift in (("test", "o", 0.13), ("unseen", "D", -0.13)):
@@ -73,12 +74,12 @@ def plot_metrics(rows: Mapping[str, MethodMetrics], path: Path) -> None:
         axis.locator_params(axis="x", nbins=4)
     axes[0].set_yticks(height, [TITLES.get(name, name) for name in names])
     axes[0].set_ylim(-0.6, len(names) - 0.4)
-    canvas.supxlabel(
+    figure.supxlabel(
         "filled: test, new sentences; open: unseen speakers; bars: intervals over clips; dotted: reference on test",
         fontsize=8,
         color="0.35",
     )
-    _save(canvas, path)
+    _save(figure, path)
 
 
 def _mark_reference(axis: Any, rows: Mapping[str, MethodMetrics], column: Column) -> None:
@@ -90,8 +91,8 @@ def _mark_reference(axis: Any, rows: Mapping[str, MethodMetrics], column: Column
 
 def plot_traces(traces: Sequence[Trace], sound: Float[ndarray, " N"], sample_rate: int, path: Path) -> None:
     """Plot yaw of eyes, gaze in space and head over time: one column per method, one colour per sample."""
-    canvas = _figure(3.4 * len(traces) + 0.6, 7.2)
-    axes = canvas.subplots(
+    figure = Figure(figsize=(3.4 * len(traces) + 0.6, 7.2), layout="constrained")
+    axes = figure.subplots(
         4, len(traces), sharex=True, sharey="row", squeeze=False, gridspec_kw={"height_ratios": [0.5, 1, 1, 1]}
     )
     sound_s = np.arange(len(sound)) / sample_rate
@@ -108,7 +109,7 @@ def plot_traces(traces: Sequence[Trace], sound: Float[ndarray, " N"], sample_rat
     for axis, label in zip(axes[:, 0], ("sound", *yaw_deg(traces[0].samples)), strict=True):
         axis.set_ylabel(label)
     axes[-1, 0].set_xlim(0, sound_s[-1])
-    _save(canvas, path)
+    _save(figure, path)
 
 
 def yaw_deg(samples: Samples) -> dict[str, Float[ndarray, "S T"]]:
@@ -122,8 +123,8 @@ def yaw_deg(samples: Samples) -> dict[str, Float[ndarray, "S T"]]:
 
 def plot_speed_distributions(speeds: Mapping[str, Mapping[str, Float[ndarray, "2 N"]]], path: Path) -> None:
     """Plot the fraction of frames faster than a speed; `speeds` {row: {part: speeds and fractions}}."""
-    canvas = _figure(12.5, 4.4)
-    axes = canvas.subplots(1, len(PARTS), sharey=True)
+    figure = Figure(figsize=(12.5, 4.4), layout="constrained")
+    axes = figure.subplots(1, len(PARTS), sharey=True)
     names = [name for name in order_rows({name: {} for name in speeds}) if speeds[name]]
     for axis, (part, title) in zip(axes, PARTS.items(), strict=True):
         for name in names:
@@ -142,14 +143,14 @@ def plot_speed_distributions(speeds: Mapping[str, Mapping[str, Float[ndarray, "2
         axis.set_ylim(1e-4, 1.3)
     axes[0].set_ylabel("fraction of faster frames")
     handles, labels = axes[0].get_legend_handles_labels()
-    canvas.legend(handles, labels, loc="outside right center", frameon=False, fontsize=9)
-    _save(canvas, path)
+    figure.legend(handles, labels, loc="outside right center", frameon=False, fontsize=9)
+    _save(figure, path)
 
 
 def plot_code_usage(counts: Mapping[str, Float[ndarray, " K"]], path: Path) -> None:
     """Plot the usage of codes on the train split, most used first; uniform usage would be flat."""
-    canvas = _figure(7.5, 4.0)
-    axis = canvas.subplots()
+    figure = Figure(figsize=(7.5, 4.0), layout="constrained")
+    axis = figure.subplots()
     for name, used in counts.items():
         share = np.sort(used)[::-1] / max(used.sum(), 1)
         seen = int((used > 0).sum())
@@ -161,20 +162,11 @@ def plot_code_usage(counts: Mapping[str, Float[ndarray, " K"]], path: Path) -> N
     axis.set_ylabel("fraction of uses")
     axis.grid(True, color="0.92")
     axis.legend(frameon=False)
-    _save(canvas, path)
+    _save(figure, path)
 
 
-def _figure(width: float, height: float) -> Any:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    canvas = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(canvas)
-    return canvas
-
-
-def _save(canvas: Any, path: Path) -> None:
-    for axis in canvas.axes:
+def _save(figure: Figure, path: Path) -> None:
+    for axis in figure.axes:
         axis.spines[["top", "right"]].set_visible(False)
         axis.set_axisbelow(True)
-    canvas.savefig(path, dpi=110, format="png", metadata={"Software": None})
+    figure.savefig(path, dpi=110, format="png", metadata={"Software": None})

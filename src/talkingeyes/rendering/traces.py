@@ -18,12 +18,10 @@ ENVELOPE_COLUMNS = 2000
 
 def plot_traces(motions: Sequence[Motion], sound: Float[ndarray, " N"], path: Path) -> None:
     """Write a PNG: one colour per motion, angles in degrees (yaw to the subject's left, pitch up), time in seconds."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     traces = [_traces(motion) for motion in motions]
     figure = Figure(figsize=(11, 9.5), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(len(traces[0]) + 1, 1, sharex=True, height_ratios=[0.8] + [1.0] * len(traces[0]))
     envelope = _envelope(sound)
     axes[0].fill_between(envelope[:, 0], envelope[:, 1], envelope[:, 2], color="0.45", linewidth=0)

@@ -18,20 +18,18 @@ AXIS_LIMIT = 300.0
 
 def plot_strips(tables: Mapping[str, Sequence[MetricResult]], colours: Mapping[str, str], path: Path) -> None:
     """Write a PNG of the rows of each named table; metrics without a reference value are omitted."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     shown = [(name, rows) for name, rows in _by_measure(tables).items() if any(row.reference for row in rows.values())]
     height = -(-len(shown) // COLUMNS)
-    canvas = Figure(figsize=(12.5, 1.4 + 0.24 * max(height, 4)), layout="constrained")
-    FigureCanvasAgg(canvas)
-    for axis, start in zip(canvas.subplots(1, COLUMNS, squeeze=False)[0], (0, height), strict=True):
+    figure = Figure(figsize=(12.5, 1.4 + 0.24 * max(height, 4)), layout="constrained")
+    for axis, start in zip(figure.subplots(1, COLUMNS, squeeze=False)[0], (0, height), strict=True):
         _strips(axis, shown[start : start + height], tables, colours)
-    handles, labels = canvas.axes[0].get_legend_handles_labels()
+    handles, labels = figure.axes[0].get_legend_handles_labels()
     if len(tables) > 1:
-        canvas.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
-    canvas.suptitle("difference to the reference, in half widths of its interval (grey: the interval)", fontsize=10)
-    canvas.savefig(path, dpi=110, format="png", metadata={"Software": None})
+        figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
+    figure.suptitle("difference to the reference, in half widths of its interval (grey: the interval)", fontsize=10)
+    figure.savefig(path, dpi=110, format="png", metadata={"Software": None})
 
 
 def _by_measure(tables: Mapping[str, Sequence[MetricResult]]) -> dict[str, dict[str, MetricResult]]:

@@ -10,11 +10,9 @@ def plot_pareto_front(
     trials: Sequence[Sequence[float]], pareto_front: Sequence[Sequence[float]], names: Sequence[str], path: Path
 ) -> None:
     """Save a scatter plot of the two objectives: trials as grey dots, the Pareto front as an orange line with dots."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")
-    FigureCanvasAgg(figure)
     axis = figure.subplots()
     axis.scatter(*zip(*trials, strict=True), color="#8a8a8a", label=f"{len(trials)} trials")
     axis.plot(

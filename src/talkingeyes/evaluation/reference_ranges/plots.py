@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy import ndarray
 
@@ -27,7 +26,7 @@ RECORDING_COLOURS = {"T": "0.7", "C": "0.35"}
 
 def main_sequence(pool: PooledArrays, path: Path) -> None:
     """Write a PNG: peak speed by amplitude, one panel for each frame rate."""
-    figure = _figure(11.0, 3.4)
+    figure = Figure(figsize=(11.0, 3.4), layout="constrained")
     for axis, fps in zip(figure.subplots(1, len(RATES_FPS), sharey=True), RATES_FPS, strict=True):
         amplitude, peak = pool[f"at{fps}.amplitude_deg"], pool[f"at{fps}.peak_deg_s"]
         every = max(1, len(amplitude) // MOST_POINTS)
@@ -52,7 +51,7 @@ def main_sequence(pool: PooledArrays, path: Path) -> None:
 
 def distributions(pool: PooledArrays, recorded: Mapping[str, PooledArrays], path: Path) -> None:
     """Write a PNG: amplitudes and directions, with those of recorded people, and dwell times of both gaze states."""
-    figure = _figure(11.0, 3.6)
+    figure = Figure(figsize=(11.0, 3.6), layout="constrained")
     grid = figure.add_gridspec(1, 3)
     amplitudes, dwells = figure.add_subplot(grid[0]), figure.add_subplot(grid[2])
     directions: Any = figure.add_subplot(grid[1], projection="polar")
@@ -100,7 +99,7 @@ def timeline(clip_data: ClipData, sound: Float[ndarray, " N"], path: Path) -> No
     """Write a PNG: sound and words, gaze in space with gaze states, head and lids on one time axis."""
     behaviour = clip_data.behaviour
     assert clip_data.annotation is not None and behaviour.head is not None and behaviour.lid is not None
-    figure = _figure(11.0, 6.2)
+    figure = Figure(figsize=(11.0, 6.2), layout="constrained")
     axes = figure.subplots(4, 1, sharex=True, height_ratios=[1, 1.3, 1.3, 0.8])
     times = behaviour.times_s
     axes[0].plot(np.arange(len(sound)) / SAMPLE_RATE, sound, color="0.4", linewidth=0.3)
@@ -133,12 +132,6 @@ def timeline(clip_data: ClipData, sound: Float[ndarray, " N"], path: Path) -> No
     axes[3].set_xlabel("seconds", fontsize=8)
     axes[3].set_xlim(0, times[-1])
     _save(figure, path)
-
-
-def _figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
 
 
 def _save(figure: Figure, path: Path) -> None:
