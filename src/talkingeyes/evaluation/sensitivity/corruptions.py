@@ -11,13 +11,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from operator import itemgetter
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
 from scipy.ndimage import gaussian_filter1d
 
 from talkingeyes.core.rotation import eye_in_head, gaze_in_space
-from talkingeyes.evaluation.benchmark.behaviour import Behaviour
+from talkingeyes.evaluation.benchmark.behaviour import FIELDS, Behaviour
 from talkingeyes.evaluation.sensitivity.blink_corruptions import (
     MISSING_FRACTION,
     SHALLOW_FACTOR,
@@ -28,6 +29,7 @@ from talkingeyes.evaluation.sensitivity.blink_corruptions import (
     timed_blinks,
 )
 
+HEAD_AND_EYES = ("head", "gaze")
 JITTER_RAD = np.radians(0.3)
 DELAY_S = 3.0
 SMOOTH_S = 0.12
@@ -75,12 +77,12 @@ def apply_corruption(
 def _frozen(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
     """Freeze the last part of the clip."""
     last = round((1 - strength) * (len(motion) - 1))
-    return _map_all(motion, lambda path: path[np.minimum(np.arange(len(path)), last)])
+    return _map(motion, lambda path: path[np.minimum(np.arange(len(path)), last)])
 
 
 def _jittered(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
     """Add white noise to every angle of head and eyes, as from a tracker without temporal smoothing."""
-    return _map_head_and_gaze(motion, lambda path: path + strength * JITTER_RAD * rng.standard_normal(path.shape))
+    return _map(motion, lambda path: path + strength * JITTER_RAD * rng.standard_normal(path.shape), *HEAD_AND_EYES)
 
 
 def _delayed(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
@@ -89,7 +91,7 @@ def _delayed(motion: Behaviour, strength: float, rng: np.random.Generator) -> Be
     valid = np.roll(motion.valid, shift)
     if shift:
         valid[[shift - 1, shift]] = False
-    return replace(_map_all(motion, lambda path: np.roll(path, shift, axis=0)), valid=valid)
+    return replace(_map(motion, lambda path: np.roll(path, shift, axis=0)), valid=valid)
 
 
 def _mirrored_sides(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
@@ -104,100 +106,74 @@ def _mirrored_sides(motion: Behaviour, strength: float, rng: np.random.Generator
     )
 
 
-def _mirrored_heights(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """Mirror head and eyes upside down (in a fraction `strength` of the clips)."""
-    if rng.random() >= strength:
-        return motion
-    return _map_head_and_gaze(motion, lambda path: path * [-1.0, 1.0, -1.0])
-
-
 def _smoothed(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
     """Smooth head and eyes with a Gaussian filter over time."""
     frames = strength * SMOOTH_S * motion.fps
-    return _map_head_and_gaze(motion, lambda path: gaussian_filter1d(path, frames, axis=0) if frames else path)
-
-
-def _flipped_eyes(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """Flip the sign of eye rotation relative to the head (in a fraction `strength` of the clips)."""
-    if motion.gaze is None or rng.random() >= strength:
-        return motion
-    return replace(motion, gaze=-motion.gaze)
-
-
-def _flipped_eye_yaw(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """Flip the sign of eye yaw only (in a fraction `strength` of the clips)."""
-    if motion.gaze is None or rng.random() >= strength:
-        return motion
-    return replace(motion, gaze=motion.gaze * [1.0, -1.0, 1.0])
+    return _map(motion, lambda path: gaussian_filter1d(path, frames, axis=0) if frames else path, *HEAD_AND_EYES)
 
 
 def _diverging_eyes(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
     """Rotate each eye outwards."""
-    if motion.gaze is None:
-        return motion
     outwards = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-    return replace(motion, gaze=motion.gaze + strength * DIVERGENCE_RAD * outwards)
+    return _map(motion, lambda gaze: gaze + strength * DIVERGENCE_RAD * outwards, "gaze")
 
 
 def _false_torsion(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
     """Add torsion proportional to yaw, against Listing's law."""
-    if motion.gaze is None:
-        return motion
-    return replace(motion, gaze=motion.gaze + strength * TORSION_PER_YAW * motion.gaze[..., 1:2] * [0.0, 0.0, 1.0])
+    return _map(motion, lambda gaze: gaze + strength * TORSION_PER_YAW * gaze[..., 1:2] * [0.0, 0.0, 1.0], "gaze")
 
 
 def _delayed_eyes(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
     """Delay the eyes by a few frames relative to the head."""
     behind = round(strength * EYE_DELAY_S * motion.fps)
-    index = np.maximum(np.arange(len(motion)) - behind, 0)
-    return replace(motion, gaze=None if motion.gaze is None else motion.gaze[index])
+    return _map(motion, lambda gaze: gaze[np.maximum(np.arange(len(gaze)) - behind, 0)], "gaze")
 
 
 def _fixed_head(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
     """Hold the head at its mean pose; the eyes keep gaze in space unchanged."""
-    if motion.head is None or motion.gaze is None:
-        return motion
-    head = motion.head + strength * (motion.head.mean(axis=0) - motion.head)
-    return replace(motion, head=head, gaze=eye_in_head(head, gaze_in_space(motion.head, motion.gaze)))
+    return _with_head(motion, lambda head: head + strength * (head.mean(axis=0) - head))
 
 
 def _delayed_head(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
     """Delay the head; gaze in space is unchanged."""
+    behind = round(strength * HEAD_DELAY_S * motion.fps)
+    return _with_head(motion, lambda head: head[np.maximum(np.arange(len(head)) - behind, 0)])
+
+
+def _with_head(motion: Behaviour, change: FrameTransform) -> Behaviour:
+    """Transform the head alone; gaze in space is unchanged."""
     if motion.head is None or motion.gaze is None:
         return motion
-    index = np.maximum(np.arange(len(motion)) - round(strength * HEAD_DELAY_S * motion.fps), 0)
-    head = motion.head[index]
+    head = change(motion.head)
     return replace(motion, head=head, gaze=eye_in_head(head, gaze_in_space(motion.head, motion.gaze)))
 
 
 def _reduced_amplitude(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
     """Scale head and eyes about their mean by `SHRINK_FACTOR`."""
     gain = 1 - strength * (1 - SHRINK_FACTOR)
-    return _map_head_and_gaze(motion, lambda path: path.mean(axis=0) + gain * (path - path.mean(axis=0)))
+    return _map(motion, lambda path: path.mean(axis=0) + gain * (path - path.mean(axis=0)), *HEAD_AND_EYES)
 
 
 def _mean_pose(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
     """Hold the clip's mean pose, which has the best L2."""
-    return _map_all(motion, lambda path: path + strength * (path.mean(axis=0) - path))
+    return _map(motion, lambda path: path + strength * (path.mean(axis=0) - path))
 
 
 def _without_blinks(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
     """Remove blinks, so that lids only follow gaze."""
-    return replace(motion, lid=None if motion.lid is None else (1 - strength) * motion.lid)
+    return _map(motion, lambda lid: (1 - strength) * lid, "lid")
 
 
 def _delayed_blinks(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
     """Delay the lids only."""
     shift = round(strength * DELAY_S * motion.fps)
-    return replace(motion, lid=None if motion.lid is None else np.roll(motion.lid, shift, axis=0))
+    return _map(motion, lambda lid: np.roll(lid, shift, axis=0), "lid")
 
 
 def _drifting_head(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
     """Let head yaw drift to the left and snap back every DRIFT_S, as a gyroscope that is recentred."""
-    if motion.head is None:
-        return motion
     phase = (motion.times_s / DRIFT_S + rng.random()) % 1.0 - 0.5
-    return replace(motion, head=motion.head + strength * DRIFT_RAD * phase[:, None] * [0.0, 1.0, 0.0])
+    return _map(motion, lambda head: head + strength * DRIFT_RAD * phase[:, None] * [0.0, 1.0, 0.0], "head")
 
 
 def _unchanged(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
@@ -215,23 +191,23 @@ def _swapped(
             found.append(motion)
             continue
         taken = motions[int(rng.choice(others))]
-        cut = _map_all(taken, itemgetter(slice(len(motion))))
+        cut = _map(taken, itemgetter(slice(len(motion))))
         found.append(
             replace(cut, valid=taken.valid[: len(motion)], annotation=motion.annotation, reference=motion.reference)
         )
     return found
 
 
-def _map_head_and_gaze(motion: Behaviour, change: FrameTransform) -> Behaviour:
-    """Transform head and eyes, not lids."""
-    head, gaze = (None if path is None else change(path) for path in (motion.head, motion.gaze))
-    return replace(motion, head=head, gaze=gaze)
+def _map(motion: Behaviour, change: FrameTransform, *fields: str) -> Behaviour:
+    """Transform these fields of a motion, without names all of them; a field that is None stays None."""
+    present = [name for name in fields or FIELDS if motion.has(name)]
+    changed: dict[str, Any] = {name: change(getattr(motion, name)) for name in present}
+    return replace(motion, **changed)
 
 
-def _map_all(motion: Behaviour, change: FrameTransform) -> Behaviour:
-    """Transform head, eyes and lids."""
-    head, gaze, lid = (None if path is None else change(path) for path in (motion.head, motion.gaze, motion.lid))
-    return replace(motion, head=head, gaze=gaze, lid=lid)
+def _in_some_clips(change: FrameTransform, *fields: str) -> MotionTransform:
+    """A corruption that transforms these fields in a fraction `strength` of the clips."""
+    return lambda motion, strength, rng: _map(motion, change, *fields) if rng.random() < strength else motion
 
 
 def _halvings(largest: float) -> tuple[float, ...]:
@@ -249,6 +225,9 @@ def _percent(largest: float) -> tuple[float, ...]:
     return _halvings(100 * largest)
 
 
+MIRRORED_HEIGHTS = _in_some_clips(lambda path: path * [-1.0, 1.0, -1.0], *HEAD_AND_EYES)
+FLIPPED_EYES = _in_some_clips(np.negative, "gaze")
+FLIPPED_EYE_YAW = _in_some_clips(lambda gaze: gaze * [1.0, -1.0, 1.0], "gaze")
 DEGREES, SECONDS, CLIPS = "deg", "s", "% of clips"
 UNCORRUPTED = Corruption("uncorrupted", "truth: another take", _unchanged)
 SWAPPED = Corruption("swapped speaker", "another speaker's motion", _unchanged, _percent(1.0), CLIPS)
@@ -261,9 +240,9 @@ CORRUPTIONS = (
     Corruption("delayed", "3 s late", _delayed, _delays(DELAY_S), SECONDS),
     SWAPPED,
     Corruption("mirrored left-right", "mirrored left to right", _mirrored_sides, _percent(1.0), CLIPS),
-    Corruption("mirrored up-down", "mirrored upside down", _mirrored_heights, _percent(1.0), CLIPS),
-    Corruption("flipped eyes", "sign of eye rotation flipped", _flipped_eyes, _percent(1.0), CLIPS),
-    Corruption("flipped eye yaw", "sign of eye yaw flipped", _flipped_eye_yaw, _percent(1.0), CLIPS),
+    Corruption("mirrored up-down", "mirrored upside down", MIRRORED_HEIGHTS, _percent(1.0), CLIPS),
+    Corruption("flipped eyes", "sign of eye rotation flipped", FLIPPED_EYES, _percent(1.0), CLIPS),
+    Corruption("flipped eye yaw", "sign of eye yaw flipped", FLIPPED_EYE_YAW, _percent(1.0), CLIPS),
     Corruption("diverging eyes", "each eye rotated 2 deg outwards", _diverging_eyes, _halvings(2.0), DEGREES),
     Corruption(
         "false torsion", "torsion of 0.3 times yaw added", _false_torsion, _percent(TORSION_PER_YAW), "% of yaw"
