@@ -27,6 +27,7 @@ from talkingeyes.corpus.recordings import Normaliser
 from talkingeyes.evaluation.head_pose.classifier import (
     ClassifierSettings,
     LabelledWindows,
+    blend_styles,
     classifier_scores,
     train_classifier,
 )
@@ -40,7 +41,6 @@ from talkingeyes.evaluation.head_pose.movement import (
     style_distance,
 )
 from talkingeyes.evaluation.head_pose.one_class_svm import SVMSettings, acceptance_rates, correlations
-from talkingeyes.evaluation.head_pose.transfer import blend_styles
 from talkingeyes.evaluation.head_pose.windows import PoseWindows, pose_windows, sliding_windows
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.posing import motion_to_pose

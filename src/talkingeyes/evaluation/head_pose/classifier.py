@@ -2,7 +2,8 @@
 
 It is trained on true motion of the train split and its checkpoint is chosen on val. For generated motion it gives the
 confidence that the motion belongs to the intended speaker. Its input is motion only (differences of frames, in standard
-deviations of the train split), never the pose; a still head gets the same answer for every speaker.
+deviations of the train split), never the pose; a still head gets the same answer for every speaker. Its confidences for
+a new person are the weights of the learnt styles of the training speakers; the largest selects the nearest style.
 """
 
 from __future__ import annotations
@@ -18,8 +19,11 @@ from numpy import ndarray
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
 from talkingeyes.training.loop import LoopSettings, train
+
+MIN_FRAMES = 32  # of a new person, about a second; below, strided convolutions cover only padded borders
 
 
 class ClassifierSettings(Settings):
@@ -79,6 +83,13 @@ class PoseClassifier(nn.Module):
         """Probability of each speaker."""
         parts = torch.from_numpy(np.asarray(pose, np.float32)).split(256)
         return torch.cat([self(part).softmax(-1) for part in parts]).numpy()
+
+
+def blend_styles(classifier: PoseClassifier, pose: Float[ndarray, "T 6"]) -> Float[ndarray, " K"]:
+    """Weights of K learnt styles for a few seconds of a new person's poses. Raises InputError below `MIN_FRAMES`."""
+    if len(pose) < MIN_FRAMES:
+        raise InputError(f"style: should have at least {MIN_FRAMES} frames of motion, got {len(pose)}")
+    return np.asarray(classifier.probabilities((pose - pose.mean(0))[None])[0])
 
 
 class ClassifierTask:

@@ -34,6 +34,7 @@ from talkingeyes.evaluation.head_pose.classifier import (
     ClassifierSettings,
     LabelledWindows,
     PoseClassifier,
+    blend_styles,
     classifier_scores,
     train_classifier,
 )
@@ -46,7 +47,6 @@ from talkingeyes.evaluation.head_pose.movement import (
     style_distance,
 )
 from talkingeyes.evaluation.head_pose.one_class_svm import SVMSettings, acceptance_rates
-from talkingeyes.evaluation.head_pose.transfer import blend_styles, nearest_style
 from talkingeyes.evaluation.head_pose.windows import PoseWindows, pose_windows, sliding_windows
 from talkingeyes.models.speech_to_pose import SHARED_FRAMES, SpeechToPose
 from talkingeyes.training.checkpoint import load
@@ -146,13 +146,13 @@ def _row(
     seed: int,
 ) -> dict[str, Any]:
     """Metrics of one model on the speech of the test split, in the style of each speaker."""
-    scale = network.scale.numpy()
     generated = [_generate(network, each, each.speech, seed) for each in test]
     speaker_index = [network.speakers.index(each.clip.speaker) for each in test]
     return {
-        **_motion_metrics(network, generated, true),
+        **_reference_free_metrics(network, generated),
+        **asdict(movement_ratios(generated, true)),
         **{f"l2_{name}": value for name, value in asdict(distances(generated, true)).items()},
-        **_classifier_metrics([each * scale for each in generated], speaker_index, classifier),
+        **_classifier_metrics(network, generated, speaker_index, classifier),
         "variety": clip_difference(generated),
         "parameters": _parameters(network),
         "generation_s": _cost(network, test[0].speech),
@@ -168,12 +168,6 @@ def _generate(
     return np.asarray(generated / network.scale.numpy())
 
 
-def _motion_metrics(
-    network: SpeechToPose, generated: Sequence[Float[ndarray, "T 6"]], true: Sequence[Float[ndarray, "T 6"]]
-) -> dict[str, float]:
-    return {**_reference_free_metrics(network, generated), **asdict(movement_ratios(generated, true))}
-
-
 def _reference_free_metrics(network: SpeechToPose, generated: Sequence[Float[ndarray, "T 6"]]) -> dict[str, float]:
     """Metrics without reference; `pace` is in standard deviations of poses per frame."""
     pace = float(np.mean([np.diff(each, axis=0).std() for each in generated]))
@@ -186,9 +180,13 @@ def _reference_free_metrics(network: SpeechToPose, generated: Sequence[Float[nda
 
 
 def _classifier_metrics(
-    poses: Sequence[Float[ndarray, "T 6"]], speaker_index: Sequence[int], classifier: PoseClassifier
+    network: SpeechToPose,
+    generated: Sequence[Float[ndarray, "T 6"]],
+    speaker_index: Sequence[int],
+    classifier: PoseClassifier,
 ) -> dict[str, Any]:
-    pieces = [sliding_windows(each.astype(np.float32), WINDOW_FRAMES, HOP_FRAMES) for each in poses]
+    poses = [(each * network.scale.numpy()).astype(np.float32) for each in generated]
+    pieces = [sliding_windows(each, WINDOW_FRAMES, HOP_FRAMES) for each in poses]
     whole = LabelledWindows(np.concatenate(pieces), np.repeat(speaker_index, [len(each) for each in pieces]))
     return _plain(classifier_scores(classifier, whole))
 
@@ -225,7 +223,7 @@ def _noise_metrics(
     """Metrics with white noise added to the sound, by signal-to-noise ratio of mean power in dB."""
     path = sources.data / "embed" / "embedding.json"
     settings = EmbedSettings.model_validate(read_json(path, "embedding")["settings"])
-    encoder, corpus, scale = make_encoder(settings), Corpus(sources.corpus), network.scale.numpy()
+    encoder, corpus = make_encoder(settings), Corpus(sources.corpus)
     found = {}
     for ratio_db in NOISE_DB:
         generated = []
@@ -237,10 +235,10 @@ def _noise_metrics(
             speech = resample_linear(features, each.clip.fps, network.settings.poses.fps)[: len(each)]
             generated.append(_generate(network, each, speech, seed))
         speaker_index = [network.speakers.index(each.clip.speaker) for each in test]
-        moving = _motion_metrics(network, generated, true)
         found[f"{ratio_db:g}"] = {
-            **moving,
-            **_classifier_metrics([each * scale for each in generated], speaker_index, classifier),
+            **_reference_free_metrics(network, generated),
+            **asdict(movement_ratios(generated, true)),
+            **_classifier_metrics(network, generated, speaker_index, classifier),
         }
     return found
 
@@ -305,11 +303,11 @@ def _languages(
     found = {}
     for language in sorted({each.clip.language for each in clips}):
         spoken = [each for each in clips if each.clip.language == language]
-        generated, speaker_index = [], []
-        for place, each in enumerate(spoken):
-            speaker_index.append(place % len(network.speakers))
-            style = nearest_style(np.eye(len(network.speakers))[speaker_index[-1]])
-            generated.append(network.sample(each.speech, [seed], style)[0] / scale)
-        classified = _classifier_metrics([each * scale for each in generated], speaker_index, classifier)
+        speaker_index = [number % len(network.speakers) for number in range(len(spoken))]
+        styles = np.eye(len(network.speakers))[speaker_index]
+        generated = [
+            network.sample(each.speech, [seed], style)[0] / scale for each, style in zip(spoken, styles, strict=True)
+        ]
+        classified = _classifier_metrics(network, generated, speaker_index, classifier)
         found[language] = {**_reference_free_metrics(network, generated), **classified}
     return found

@@ -26,8 +26,8 @@ class PoseWindows:
 
 def sliding_windows(frames: Float[ndarray, "T C"], length: int, hop: int) -> Float[ndarray, "N L C"]:
     """Windows of an array, `hop` frames apart; none if it is shorter than a window."""
-    starts = range(0, len(frames) - length + 1, hop)
-    return np.stack([frames[start : start + length] for start in starts]) if starts else _none(frames, length)
+    starts = np.arange(0, len(frames) - length + 1, hop)
+    return np.asarray(frames[starts[:, None] + np.arange(length)])
 
 
 def pose_windows(recordings: Sequence[PoseRecording], speakers: Sequence[str], length: int, hop: int) -> PoseWindows:
@@ -39,7 +39,3 @@ def pose_windows(recordings: Sequence[PoseRecording], speakers: Sequence[str], l
         pose=np.concatenate(poses),
         speaker=np.repeat([speakers.index(each.clip.speaker) for each in known], [len(pose) for pose in poses]),
     )
-
-
-def _none(frames: Float[ndarray, "T C"], length: int) -> Float[ndarray, "0 L C"]:
-    return np.zeros((0, length, frames.shape[1]), frames.dtype)
