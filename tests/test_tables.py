@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toy import CHANNELS, recordings
+from toy import recordings
 from toy_workspace import toy_workspace, train_random
 
 from pipelines import critic, paper_table_rows, table_runs, tables
@@ -16,7 +16,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.recordings import Normaliser
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.intervals import difference, estimate, mean_of_known, ratio_of_known
-from talkingeyes.evaluation.multi_seed import ClipStatistic, MultiSeedStatistic, nanmean_statistic
+from talkingeyes.evaluation.multi_seed import estimate_over_seeds, nanmean_statistic
 from talkingeyes.evaluation.paper_metrics.table3 import Column
 from talkingeyes.evaluation.tables.definitions import FAMILIES, PRINTED, SEQUENCE, TABLES, TITLES, PaperTable
 from talkingeyes.evaluation.tables.rank_order import ordered_pairs, rank_order
@@ -48,9 +48,9 @@ CANONICAL = CanonicalCorrelationSettings(
 )
 
 
-def seeds_of(*values):
-    """One metric under several seeds."""
-    return MultiSeedStatistic(tuple(nanmean_statistic(np.asarray(each, float)) for each in values))
+def over_seeds(*values):
+    """The estimate of one metric under several seeds."""
+    return estimate_over_seeds([nanmean_statistic(np.asarray(each, float)) for each in values], BOOTSTRAP)
 
 
 TABLE = PaperTable(
@@ -134,12 +134,12 @@ def test_sounds_without_a_value_are_left_out():
 
 
 def test_seeds_are_averaged_on_the_same_clips():
-    alike = seeds_of([1.0] * 5, [3.0] * 5).estimate(BOOTSTRAP)
+    alike = over_seeds([1.0] * 5, [3.0] * 5)
     assert (alike.value, alike.seed_min, alike.seed_max) == (2.0, 1.0, 3.0)
     assert (alike.low, alike.high) == (2.0, 2.0), "the interval is of clips, not of seeds"
-    apart = seeds_of(np.arange(5.0), 4 - np.arange(5.0)).estimate(BOOTSTRAP)
+    apart = over_seeds(np.arange(5.0), 4 - np.arange(5.0))
     assert (apart.low, apart.high) == (2.0, 2.0), "both seeds on the same draw of clips"
-    assert seeds_of(np.arange(5.0)).estimate(BOOTSTRAP).low < 1.5
+    assert over_seeds(np.arange(5.0)).low < 1.5
 
 
 def test_every_row_is_a_model_with_a_title_and_the_papers_numbers_stand_in_conf(repository):
@@ -346,6 +346,6 @@ def test_canonical_model_is_a_generator_and_loads(tmp_path, workspace):
         assert generator.generate(speech[:frames], [1], 25.0).gaze.shape == (1, frames, 2, 3)
 
 
-def test_a_measured_statistic_is_one_of_its_clips():
-    assert ClipStatistic(lambda drawn: float(drawn.sum()), 4).point_estimate() == 6.0
-    assert CHANNELS > 5, "the toys have as many channels as the workspace"
+def test_seeds_with_other_clips_are_left_out():
+    found = over_seeds([1.0, 3.0], [2.0, 4.0], [9.0, np.nan])
+    assert (found.value, found.seed_min, found.seed_max) == (2.5, 2.0, 3.0)

@@ -6,7 +6,7 @@ resampled, each with all of its sounds). Rows are compared on the same resamples
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -18,6 +18,7 @@ from talkingeyes.evaluation.bootstrap import (
     BootstrapSettings,
     Estimate,
     Statistic,
+    bootstrap,
     percentile_interval,
     resample_indices,
 )
@@ -61,7 +62,9 @@ def mean_of_known(values: Float[ndarray, " N"], speakers: Sequence[str]) -> Soun
 
 def estimate(of: SoundStatistic, settings: BootstrapSettings) -> TableEstimate:
     """The value over all sounds, with both intervals."""
-    return _estimate(of.statistic, of.speakers, settings)
+    sounds = bootstrap(of.statistic, len(of.speakers), settings)
+    values = np.array([of.statistic(chosen) for chosen in resample_speakers(of.speakers, settings)])
+    return TableEstimate(sounds.value, sounds.low, sounds.high, *percentile_interval(values, settings))
 
 
 def difference(
@@ -69,19 +72,11 @@ def difference(
 ) -> TableEstimate:
     """`factor` times `higher`, minus `lower`, on the same sounds."""
     assert higher.speakers == lower.speakers, "rows of a table should be evaluated on the same sounds"
-    return _estimate(
-        lambda sounds: factor * higher.statistic(sounds) - lower.statistic(sounds), higher.speakers, settings
-    )
 
+    def statistic(sounds: ndarray) -> float:
+        return factor * higher.statistic(sounds) - lower.statistic(sounds)
 
-def _estimate(statistic: Statistic, speakers: tuple[str, ...], settings: BootstrapSettings) -> TableEstimate:
-    sounds = percentile_interval(_values(statistic, resample_indices(len(speakers), settings)), settings)
-    people = percentile_interval(_values(statistic, resample_speakers(speakers, settings)), settings)
-    return TableEstimate(statistic(np.arange(len(speakers))), *sounds, *people)
-
-
-def _values(statistic: Statistic, resamples: Iterable[ndarray]) -> Float[ndarray, " D"]:
-    return np.array([statistic(sounds) for sounds in resamples])
+    return estimate(SoundStatistic(statistic, higher.speakers), settings)
 
 
 @lru_cache(maxsize=8)

@@ -22,10 +22,6 @@ class ClipStatistic:
     def __call__(self, clips: ndarray) -> float:
         return self.statistic(clips)
 
-    def point_estimate(self) -> float:
-        """Value over all clips."""
-        return self.statistic(np.arange(self.count))
-
 
 @dataclass(frozen=True)
 class MultiSeedEstimate(Estimate):
@@ -41,31 +37,22 @@ def nanmean_statistic(values: Float[ndarray, " N"]) -> ClipStatistic:
     return ClipStatistic(mean_statistic(known), len(known))
 
 
-@dataclass(frozen=True)
-class MultiSeedStatistic:
-    """The same statistic of the same clips under several seeds; each resample averages the seeds on the same clips."""
+def estimate_over_seeds(by_seed: Sequence[ClipStatistic], settings: BootstrapSettings) -> MultiSeedEstimate:
+    """Mean of a statistic over seeds, its interval over clips, and its range over seeds.
 
-    by_seed: tuple[ClipStatistic, ...]
-
-    @property
-    def count(self) -> int:
-        """Number of clips."""
-        return self.by_seed[0].count
-
-    def __call__(self, clips: ndarray) -> float:
-        return float(np.mean([each(clips) for each in self.by_seed]))
-
-    def estimate(self, settings: BootstrapSettings) -> MultiSeedEstimate:
-        """Mean over seeds, its interval over clips, and the range over seeds."""
-        found, values = bootstrap(self, self.count, settings), [each.point_estimate() for each in self.by_seed]
-        return MultiSeedEstimate(found.value, found.low, found.high, min(values), max(values))
+    Each resample averages the seeds on the same clips; seeds with another number of clips than the first are left out.
+    """
+    count = by_seed[0].count
+    seeds = [each for each in by_seed if each.count == count]
+    found = bootstrap(lambda clips: float(np.mean([each(clips) for each in seeds])), count, settings)
+    values = [each(np.arange(count)) for each in seeds]
+    return MultiSeedEstimate(found.value, found.low, found.high, min(values), max(values))
 
 
-def combine_seeds(by_seed: Sequence[Mapping[str, ClipStatistic]]) -> dict[str, MultiSeedStatistic]:
-    """Statistics by name, over the seeds with as many clips as the first seed."""
+def estimates_over_seeds(
+    by_seed: Sequence[Mapping[str, ClipStatistic]], settings: BootstrapSettings
+) -> dict[str, MultiSeedEstimate]:
+    """Estimates of the statistics of the first seed, by name."""
     return {
-        name: MultiSeedStatistic(
-            tuple(each[name] for each in by_seed if name in each and each[name].count == first.count)
-        )
-        for name, first in by_seed[0].items()
+        name: estimate_over_seeds([each[name] for each in by_seed if name in each], settings) for name in by_seed[0]
     }

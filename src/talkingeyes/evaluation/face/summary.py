@@ -21,7 +21,7 @@ from talkingeyes.evaluation.face.articulation import ArticulationMetrics, articu
 from talkingeyes.evaluation.face.emotion import EmotionClassifier, balanced_accuracy, emotion_features
 from talkingeyes.evaluation.face.surface import FaceSurface
 from talkingeyes.evaluation.face.vertices import VertexErrors, split_half_diversity, vertex_errors
-from talkingeyes.evaluation.multi_seed import ClipStatistic, MultiSeedEstimate, combine_seeds, nanmean_statistic
+from talkingeyes.evaluation.multi_seed import ClipStatistic, MultiSeedEstimate, estimates_over_seeds, nanmean_statistic
 
 FRAME_AVERAGED = ("mve", "lve", "lve_squared")
 
@@ -85,8 +85,7 @@ def summarise_seeds(
     seeds: Sequence[Sequence[FaceMetrics]], settings: BootstrapSettings
 ) -> dict[str, MultiSeedEstimate]:
     """Metrics of the same sounds under several seeds: mean, its interval over sounds, and range over seeds."""
-    found = combine_seeds([_statistics(each) for each in seeds])
-    return {name: each.estimate(settings) for name, each in found.items()}
+    return estimates_over_seeds([_statistics(each) for each in seeds], settings)
 
 
 def paired_differences(
@@ -99,7 +98,7 @@ def paired_differences(
         own, compared = _statistics(one), _statistics(two)
         shared = [name for name in own if name in compared and own[name].count == compared[name].count]
         by_seed.append({name: _difference(own[name], compared[name]) for name in shared})
-    return {name: each.estimate(settings) for name, each in combine_seeds(by_seed).items()}
+    return estimates_over_seeds(by_seed, settings)
 
 
 def _difference(one: ClipStatistic, other: ClipStatistic) -> ClipStatistic:
