@@ -38,7 +38,7 @@ class Extractor:
     """A group of sums that are computed together.
 
     `needs` names the required fields of Behaviour. `extract` takes one Behaviour, or with `together` the sequence of
-    all motions of a sound. The names and lengths of the sums do not depend on the motions.
+    all motions of a sound. A sum has the same length for all motions; one without values may be left out.
     """
 
     extract: Callable[..., Sums]
