@@ -81,14 +81,14 @@ params: setup  ## Write params.yaml from conf/
 		{ $(CONF_STATE); } > $(VENV)/.params; }
 
 test: setup  ## Run the tests that take less than some five seconds each, with the tiny chain
-	$(BIN)/python -m pytest -n 2 --dist loadgroup --maxfail 10 -m 'not long and not slow and not gpu and not browser'
+	$(BIN)/python -m pytest -n 2 --maxfail 10 -m 'not long and not slow and not gpu and not browser'
 
 check: setup  ## Format, lint, types, import order, then all tests that need no GPU, browser or other programs
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -n 2 --dist loadgroup
+	$(BIN)/python -m pytest -n 2
 
 tiny: setup  ## The whole chain on 24 clips in build/tiny, in under two minutes
 	$(BIN)/python -m pipelines.experiment experiment=tiny

@@ -29,13 +29,6 @@ def pytest_runtest_setup() -> None:
     check_again()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give all tests of the tiny chain to one process, so that the others need not wait for it."""
-    for item in items:
-        if "tiny" in getattr(item, "fixturenames", ()):
-            item.add_marker(pytest.mark.xdist_group("tiny"))
-
-
 @pytest.fixture(scope="session")
 def repository() -> Path:
     """Root of the repository."""
