@@ -34,7 +34,7 @@ from talkingeyes.evaluation.benchmark.comparison import Accumulator, extract
 from talkingeyes.evaluation.benchmark.paired import sample_behaviours
 from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_row
+from talkingeyes.evaluation.text_tables import markdown_row
 from talkingeyes.models.gaze.point_process import PointProcessGaze
 from talkingeyes.models.layers.numpy_point_process import Guidance
 from talkingeyes.orchestration.run import parallel_map, run_command

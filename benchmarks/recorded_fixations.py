@@ -37,11 +37,11 @@ from talkingeyes.evaluation.benchmark.comparison import Accumulator, extract
 from talkingeyes.evaluation.benchmark.paired import sample_behaviours
 from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, bootstrap, mean_statistic
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_row
 from talkingeyes.evaluation.people.comparison import compare_with_people
 from talkingeyes.evaluation.people.fixations import Person, read_people, split_people
 from talkingeyes.evaluation.people.likelihood import EmpiricalHistogram, PoissonGaussian, Shifts, score
 from talkingeyes.evaluation.people.tracker import TRACKER, GazeClip, record_person
+from talkingeyes.evaluation.text_tables import markdown_row
 from talkingeyes.models.gaze.gaze_signal import to_signal_tensor
 from talkingeyes.models.gaze.point_process import PointProcessGazeSettings, cyclopean_and_vergence, saccade_landings
 from talkingeyes.models.gaze.saccade_rendering import eyes_towards, render_saccades

@@ -16,7 +16,6 @@ import yaml
 from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.distribution.encoder import EncoderSettings
-from talkingeyes.evaluation.paper_metrics.table3 import csv_text, markdown_row
 from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS, HALVINGS, UNCORRUPTED, Corruption
 from talkingeyes.evaluation.sensitivity.matrix import (
     CorruptionEffect,
@@ -29,6 +28,7 @@ from talkingeyes.evaluation.sensitivity.matrix import (
     split_takes,
     train_pool_encoder,
 )
+from talkingeyes.evaluation.text_tables import csv_text, markdown_row
 from talkingeyes.orchestration.run import run_command
 from talkingeyes.synthesis.sketched_clips import SketchedClip, sketch_clips
 

@@ -31,7 +31,7 @@ from talkingeyes.evaluation.benchmark.comparison import MetricResult
 from talkingeyes.evaluation.benchmark.corr import CRITICS
 from talkingeyes.evaluation.critic.contrastive_training import CriticSettings
 from talkingeyes.evaluation.distribution.encoder import CHECKPOINT_NAME
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
+from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Workspace, parallel_map, run_command
 from talkingeyes.synthesis.plan import SynthesizeSettings

@@ -33,7 +33,7 @@ from pipelines.table_runs import (
 )
 from talkingeyes.corpus.recordings import recordings
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
+from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.orchestration.mlflow_logging import revision
 from talkingeyes.orchestration.run import Report, Workspace, run_command
 from talkingeyes.orchestration.stage_graph import StageCall

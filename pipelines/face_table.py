@@ -56,7 +56,8 @@ from talkingeyes.evaluation.face.table import (
     face_markdown,
 )
 from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
-from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, markdown_table
+from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES
+from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.head.anny import anny_head
 from talkingeyes.models.face.style import NEUTRAL, FaceStyle, StyleKey
 from talkingeyes.orchestration.run import run_command

@@ -38,7 +38,8 @@ from talkingeyes.evaluation.paper_metrics.requirements import (
     model_requirements,
     to_json,
 )
-from talkingeyes.evaluation.paper_metrics.table3 import TITLES, markdown_row
+from talkingeyes.evaluation.paper_metrics.table3 import TITLES
+from talkingeyes.evaluation.text_tables import markdown_row
 from talkingeyes.orchestration.run import Workspace, parallel_map, run_command
 from talkingeyes.workflows.evaluate_people import MOTIONS, TRUTH, evaluate_people
 

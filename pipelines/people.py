@@ -21,10 +21,10 @@ import numpy as np
 from pipelines.result_tables import ResultTable
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.evaluation.people.comparison import state_table
 from talkingeyes.evaluation.people.fixations import VALIDATION_PEOPLE, Person, read_people, split_people
 from talkingeyes.evaluation.people.likelihood import EmpiricalHistogram, PoissonGaussian, ShiftModel, Shifts, score
+from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.orchestration.run import Workspace, run_command
 from talkingeyes.physiology.gaze_population import STATES
 from talkingeyes.workflows.evaluate_people import MOTIONS, RANDOM, RERECORDED, TRUTH, UNIFORM, evaluate_people

@@ -25,7 +25,6 @@ from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.corpus.motion_files import MotionFields
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.evaluation.people.comparison import as_text, compare_with_people
 from talkingeyes.evaluation.people.fixations import Person, read_people, split_people
 from talkingeyes.evaluation.people.population import (
@@ -36,6 +35,7 @@ from talkingeyes.evaluation.people.population import (
     simulate_people,
 )
 from talkingeyes.evaluation.people.tracker import TRACKER, record_person
+from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.orchestration.run import run_command
 from talkingeyes.physiology.blinks import PHYSIOLOGICAL
 from talkingeyes.physiology.gaze_population import FOLDER, STATES, GazePopulation

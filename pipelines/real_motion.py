@@ -32,8 +32,8 @@ from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour, behaviour
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, percentile_interval, resample_indices
 from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.evaluation.people.distance import PeopleValues
+from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Workspace, parallel_map, run_command

@@ -32,7 +32,6 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.benchmark.behaviour import behaviour
 from talkingeyes.evaluation.critic.contrastive_training import CriticSettings
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.evaluation.reference_ranges import blinks, eyes, measurements, page, plots, probes, recorded_people
 from talkingeyes.evaluation.reference_ranges.clip_data import (
     ClipData,
@@ -43,6 +42,7 @@ from talkingeyes.evaluation.reference_ranges.clip_data import (
 )
 from talkingeyes.evaluation.reference_ranges.corpus_inputs import CorpusInputs, reference_motion
 from talkingeyes.evaluation.reference_ranges.measurements import RATES_FPS, Measurements
+from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.orchestration.run import Workspace, parallel_backend, parallel_map, run_command
 from talkingeyes.physiology.blinks import PAPER, PHYSIOLOGICAL, sample_blink_rate
 from talkingeyes.synthesis import plan

@@ -51,7 +51,6 @@ from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import shard_path
 from talkingeyes.evaluation.benchmark.behaviour import behaviour
 from talkingeyes.evaluation.benchmark.metric_class import LEARNT
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
 from talkingeyes.evaluation.reference_ranges import blinks, head, measurements, page, probes, saccades
 from talkingeyes.evaluation.reference_ranges.clip_data import (
     ClipData,
@@ -64,6 +63,7 @@ from talkingeyes.evaluation.reference_ranges.corpus_inputs import CorpusInputs
 from talkingeyes.evaluation.reference_ranges.measurements import Measurements
 from talkingeyes.evaluation.reference_ranges.range_class import range_class
 from talkingeyes.evaluation.reference_ranges.ranges import RANGES_BY_SECTION, REFERENCE_RANGES, ReferenceRange
+from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.orchestration.run import Workspace, parallel_backend, parallel_map, run_command
 from talkingeyes.training.conditioning import speaker_index
 

@@ -50,7 +50,8 @@ from talkingeyes.evaluation.critic.evaluators import Evaluators
 from talkingeyes.evaluation.face.summary import summarise_face
 from talkingeyes.evaluation.model_selection.validation_metrics import ValidateSettings
 from talkingeyes.evaluation.paper_metrics.requirements import model_requirements, model_requirements_table
-from talkingeyes.evaluation.paper_metrics.table3 import TITLES, Column, markdown_table
+from talkingeyes.evaluation.paper_metrics.table3 import TITLES
+from talkingeyes.evaluation.text_tables import Column, markdown_table
 from talkingeyes.orchestration.config import compose, write_params
 from talkingeyes.orchestration.mlflow_logging import revision
 from talkingeyes.orchestration.run import SEAL, Workspace, parallel_map, run_command

@@ -56,7 +56,6 @@ from talkingeyes.evaluation.paper_metrics.table3 import (
     MethodMetrics,
     critic_table,
     markdown,
-    markdown_table,
     order_rows,
     to_csv,
 )
@@ -68,6 +67,7 @@ from talkingeyes.evaluation.plots import (
     plot_speed_distributions,
     plot_traces,
 )
+from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.orchestration.run import MethodResult, Report, Workspace, main
 
 # Methods whose traces are plotted beside the truth, and their number of samples.

@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from talkingeyes.evaluation.paper_metrics.table3 import csv_text, markdown_table
+from talkingeyes.evaluation.text_tables import csv_text, markdown_table
 
 BORDER = re.compile(r"(?<!\\)\|")
 SMALL_PRINT = re.compile(r" ?<sub>(.*?)</sub>")

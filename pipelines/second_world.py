@@ -22,7 +22,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.benchmark.page import FAMILIES
 from talkingeyes.evaluation.benchmark.rank_agreement import RankAgreement, Results, rank_agreements, total_agreement
 from talkingeyes.evaluation.benchmark.table import from_json
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
+from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Workspace, run_command
 

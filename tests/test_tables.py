@@ -17,11 +17,11 @@ from talkingeyes.corpus.recordings import Normaliser
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.intervals import difference, estimate, mean_of_known, ratio_of_known
 from talkingeyes.evaluation.multi_seed import estimate_over_seeds, nanmean_statistic
-from talkingeyes.evaluation.paper_metrics.table3 import Column
 from talkingeyes.evaluation.tables.definitions import FAMILIES, PRINTED, SEQUENCE, TABLES, TITLES, PaperTable
 from talkingeyes.evaluation.tables.rank_order import ordered_pairs, rank_order
 from talkingeyes.evaluation.tables.row_metrics import high_frequency_motion, range_rad, row_metrics
 from talkingeyes.evaluation.tables.seed_result import split_result
+from talkingeyes.evaluation.text_tables import Column
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.gaze.canonical_correlation import (
     CanonicalCorrelationSettings,

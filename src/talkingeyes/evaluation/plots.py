@@ -15,7 +15,8 @@ from numpy import ndarray
 from talkingeyes.core.kinematics import STILL_THRESHOLD_DEG_S
 from talkingeyes.core.rotation import direction_to_angles, gaze_in_space, rotvec_to_direction
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.evaluation.paper_metrics.table3 import TITLES, Column, MethodMetrics, metric_of, order_rows
+from talkingeyes.evaluation.paper_metrics.table3 import TITLES, MethodMetrics, metric_of, order_rows
+from talkingeyes.evaluation.text_tables import Column
 
 COLOURS = {
     "truth": "#111111",

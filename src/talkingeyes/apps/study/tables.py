@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from talkingeyes.apps.study.design import Design
 from talkingeyes.apps.study.results import ALL_STRATA, Preference
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
+from talkingeyes.evaluation.text_tables import markdown_table
 
 
 def table(design: Design, found: Sequence[Preference]) -> str:

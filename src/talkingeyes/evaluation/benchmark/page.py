@@ -15,7 +15,7 @@ from talkingeyes.evaluation.benchmark.document import VERSION
 from talkingeyes.evaluation.benchmark.metric import CLOSER, Metric
 from talkingeyes.evaluation.benchmark.metric_class import class_of, code_of
 from talkingeyes.evaluation.benchmark.registry import METRICS
-from talkingeyes.evaluation.paper_metrics.table3 import csv_text
+from talkingeyes.evaluation.text_tables import csv_text
 
 INTRODUCTION = """# The gaze benchmark
 

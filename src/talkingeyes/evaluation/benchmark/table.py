@@ -10,7 +10,7 @@ from talkingeyes.evaluation.benchmark.comparison import MetricResult
 from talkingeyes.evaluation.benchmark.document import SCHEMA, VERSION, BenchmarkDocument
 from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.bootstrap import Estimate
-from talkingeyes.evaluation.paper_metrics.table3 import aligned, csv_text
+from talkingeyes.evaluation.text_tables import aligned, csv_text
 
 ESTIMATES = ("value", "reference", "difference")
 LIMITS = ("value", "low", "high")

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, Column, markdown_table
+from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES
+from talkingeyes.evaluation.text_tables import Column, markdown_table
 
 # {metric: {value, low, high}} of one row and split; over seeds also {seed_min, seed_max}.
 MetricEstimates = Mapping[str, Mapping[str, float]]

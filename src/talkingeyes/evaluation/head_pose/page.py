@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
+from talkingeyes.evaluation.text_tables import markdown_table
 
 TITLES = {
     "classifier": "true motion (test)",

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, bootstrap, ratio_statistic
-from talkingeyes.evaluation.paper_metrics.table3 import markdown_table
+from talkingeyes.evaluation.text_tables import markdown_table
 
 PARTS = ("head", "gaze")
 COLUMNS = ("total", *PARTS)

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from talkingeyes.evaluation.benchmark.comparison import MetricResult
-from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, TITLES, MethodMetrics, markdown_table, metric
+from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, TITLES, MethodMetrics, metric
+from talkingeyes.evaluation.text_tables import markdown_table
 
 # Margins as (title, part, metric, lowest, highest); ratios to the truth.
 MARGINS = (

@@ -6,11 +6,10 @@ TKED-Test. Those come from another corpus and another critic: compare the order 
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
+
+from talkingeyes.evaluation.text_tables import Column, csv_text, markdown_table
 
 # {split: {part: {metric: {value, low, high, ...}}}}, as the stage `evaluate` writes it for each row.
 MethodMetrics = Mapping[str, Any]
@@ -43,15 +42,6 @@ PUBLISHED = {
 
 
 INTERVALS = ("low", "high", "speakers_low", "speakers_high")  # over clips, over speakers
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column: heading, metric (its name, or part/name) and number of decimals."""
-
-    heading: str
-    metric: str
-    digits: int = 3
 
 
 COLUMNS = {
@@ -137,29 +127,6 @@ def _cells(name: str, table: MethodMetrics, split: str, part: str) -> list[str]:
 
 def _written(value: Mapping[str, float], digits: int, low: str = "low", high: str = "high") -> str:
     return f"{value['value']:.{digits}f} <sub>{value[low]:.{digits}f}–{value[high]:.{digits}f}</sub>"
-
-
-def markdown_row(cells: Sequence[str]) -> str:
-    """A row of a Markdown table."""
-    return "| " + " | ".join(cells) + " |"
-
-
-def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table."""
-    return "\n".join(map(markdown_row, [headings, ["---"] * len(headings), *rows]))
-
-
-def csv_text(rows: Iterable[Sequence[object]]) -> str:
-    """Rows as CSV."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()
-
-
-def aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of cells as text for a terminal, in columns of equal width."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
 
 
 def critic_table(report: Mapping[str, Any]) -> str:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from talkingeyes.evaluation.paper_metrics.table3 import aligned
 from talkingeyes.evaluation.reference_ranges.clip_data import Measurement, no_measurement
 from talkingeyes.evaluation.reference_ranges.measurements import Measurements
 from talkingeyes.evaluation.reference_ranges.ranges import RANGES_BY_SECTION, REFERENCE_RANGES, ReferenceRange
+from talkingeyes.evaluation.text_tables import aligned
 
 RECORDING_TITLES = {
     "T": "eye tracking at 500 Hz of people viewing pictures and films, head on a chin rest (Andersson et al. 2017)",

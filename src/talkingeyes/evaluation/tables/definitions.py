@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from talkingeyes.evaluation.paper_metrics.table3 import Column
+from talkingeyes.evaluation.text_tables import Column
 
 # The two families of rows.
 PRINTED, SEQUENCE = "printed", "sequence"

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from talkingeyes.evaluation.paper_metrics.table3 import Column, markdown_table
 from talkingeyes.evaluation.tables.claims import CLAIMS, Claim, Verdict, judge
 from talkingeyes.evaluation.tables.definitions import FAMILIES, HEAD_AND_EYE_COLUMNS, TABLES, TITLES, PaperTable
 from talkingeyes.evaluation.tables.rank_order import RankOrder, rank_order
 from talkingeyes.evaluation.tables.seed_result import SeedMean, SeedResult, SplitResult, mean_over_seeds
+from talkingeyes.evaluation.text_tables import Column, markdown_table
 
 # Metrics that are shown besides the columns of the paper.
 SHOWN = {
