@@ -76,6 +76,7 @@ def test_a_folder_may_have_any_name(place: Path, monkeypatch: pytest.MonkeyPatch
     assert names == ["manifest.json", "sample_00.events.json", "sample_00.npz"]
 
 
+@pytest.mark.long
 def test_animate_writes_every_sample_and_the_plot(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = "out"
     assert call(monkeypatch, "animate", "my speech.txt", "--out=" + out, "--samples", "2", "--fps", "30") == 0
@@ -183,6 +184,7 @@ def test_existing_output_is_replaced_only_with_force(place: Path, monkeypatch: p
     assert not (place / "out" / "sample_01.npz").exists()
 
 
+@pytest.mark.long
 def test_failing_call_keeps_existing_output(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     talkingeyes.animate_to_folder("my speech.txt", "out", samples=1)
 

@@ -98,6 +98,7 @@ def without_extras(place: Path, *arguments: str) -> subprocess.CompletedProcess[
     return subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=240, check=False)
 
 
+@pytest.mark.long
 def test_animate_export_render_and_view_need_no_extra(tmp_path: Path) -> None:
     sound_file(tmp_path / "a.wav", 1.0)
     for arguments in (

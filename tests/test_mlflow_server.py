@@ -137,6 +137,7 @@ def test_four_processes_lose_nothing(server):
     assert {row["info"]["status"] for row in [*studies, *rows]} == {"FINISHED"}
 
 
+@pytest.mark.long
 def test_three_runs_are_compared_through_rest(server):
     best = server.rows(
         filter="tags.method = 'vae' and params.`model.width` = '64' and metrics.`test/gaze/corr` > 0.2",
@@ -165,6 +166,7 @@ def test_make_ui_prints_where_the_comparison_is(root, tmp_path, capsys):
     assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'mlflow.db'}: should hold rows")
 
 
+@pytest.mark.long
 def test_a_server_can_take_the_place_of_the_file(server, tmp_path, monkeypatch):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", server.address)
     log_run(

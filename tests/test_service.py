@@ -235,6 +235,7 @@ def well(service: Service) -> None:
 
 
 class TestFiles:
+    @pytest.mark.long
     def test_upload_becomes_animation_with_sound(self, service: Service) -> None:
         sound = speech(SECONDS)
         made = service.ask("performances?seed=3", wav(sound))
