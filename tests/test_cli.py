@@ -184,7 +184,6 @@ def test_existing_output_is_replaced_only_with_force(place: Path, monkeypatch: p
     assert not (place / "out" / "sample_01.npz").exists()
 
 
-@pytest.mark.long
 def test_failing_call_keeps_existing_output(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     talkingeyes.animate_to_folder("my speech.txt", "out", samples=1)
 
