@@ -22,7 +22,7 @@ export PATH := $(abspath $(BIN)):$(PATH)
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo repro params test check tiny sweep bench wheel packaged-models release-models release-report face tables reference-ranges real-videos ui docs clean
+.PHONY: help setup demo repro report params test check tiny sweep bench wheel packaged-models release-models release-report face tables reference-ranges real-videos ui docs clean
 
 help:  ## This list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -40,18 +40,21 @@ $(VENV)/.stamp: requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
-# A model learns on one core, and DVC runs one stage after the other: two rows of stages run side by side, first of
-# training, then of measuring (-s: what is before them is there). `dvc repro` alone gives the same; here it makes what is
-# left, and says what failed. A row waits for the other's lock: DVC gives up after three seconds.
-ONE_CORE = pretrain@face train@probtalk3d sample@probtalk3d pretrain@gaze_patches train@talkingeyes \
-	sample@talkingeyes information@talkingeyes
-OTHER_CORE = train@talkingeyes_events sample@talkingeyes_events train@talkingeyes_live sample@talkingeyes_live \
-	information@talkingeyes_live information@talkingeyes_events critic train@vae sample@vae pretrain@gaze_frames \
-	train@talkingeyes_paper sample@talkingeyes_paper
+# A model learns on one core, and DVC runs one stage after the other: two rows of stages run side by side (-s: what is
+# before them is there). `dvc repro` alone gives the same; here it makes what is left, and says what failed. A row waits
+# for the other's lock: DVC gives up after three seconds.
+side_by_side = (export TALKINGEYES_PROGRESS=lines TALKINGEYES_JOBS=1; row='$(BIN)/dvc --wait-for-lock repro -s'; \
+	$$row $(1) & one=$$!; $$row $(2); wait $$one)
+# Rows of `make repro`: the paper's Table III and the default model. What else the report has is made by `make report`.
 BASELINES = mean random similar untrained
-ONE_HALF = $(BASELINES:%=train@%) $(BASELINES:%=validate@%) $(BASELINES:%=sample@%) $(BASELINES:%=evaluate@%) information@untrained
-MEASURED = vae talkingeyes_paper talkingeyes talkingeyes_events talkingeyes_live
-OTHER_HALF = $(foreach row,truth fitted mismatched $(MEASURED),validate@$(row) evaluate@$(row))
+REPRO = truth fitted mismatched $(BASELINES) vae talkingeyes_paper talkingeyes_events
+REPRO_ONE = train@talkingeyes_events sample@talkingeyes_events $(BASELINES:%=train@%) $(BASELINES:%=sample@%)
+REPRO_OTHER = critic pretrain@gaze_frames train@talkingeyes_paper sample@talkingeyes_paper train@vae sample@vae
+MEASURED = vae talkingeyes_paper talkingeyes_events
+REPORT_ONE = pretrain@face train@probtalk3d sample@probtalk3d evaluate@probtalk3d pretrain@gaze_patches train@talkingeyes \
+	sample@talkingeyes evaluate@talkingeyes validate@talkingeyes information@talkingeyes
+REPORT_OTHER = train@talkingeyes_live sample@talkingeyes_live evaluate@talkingeyes_live validate@talkingeyes_live \
+	information@talkingeyes_live information@talkingeyes_events information@untrained $(REPRO:%=validate@%)
 
 demo:  ## Animate the packaged recording with the packaged model; opens build/demo/index.html, three samples side by side
 	@start=$$(date +%s); $(MAKE) --no-print-directory setup && \
@@ -62,14 +65,16 @@ demo:  ## Animate the packaged recording with the packaged model; opens build/de
 	echo "build/demo/index.html: three samples, made in $$(( $$(date +%s) - start )) s"
 	@if [ "$$DISPLAY$$WAYLAND_DISPLAY" ]; then $(BIN)/python -m webbrowser build/demo/index.html; fi
 
-repro: params  ## Run the chain; only what changed runs again. Another corpus: make repro corpus=DIR (fit=video if tracked)
-	@test -z "$$($(BIN)/dvc status -q || echo changed)" || { \
+repro: params  ## Make the corpus and the rows of Table III, in under 20 minutes. Another corpus: make repro corpus=DIR (fit=video if tracked)
+	@test -z "$$($(BIN)/dvc status -q -d $(REPRO:%=evaluate@%) || echo changed)" || { \
 		$(BIN)/dvc repro fit embed && \
-		{ (export TALKINGEYES_PROGRESS=lines TALKINGEYES_JOBS=1; \
-			row='$(BIN)/dvc --wait-for-lock repro -s'; \
-			$$row $(ONE_CORE) & one=$$!; $$row $(OTHER_CORE); wait $$one; \
-			$$row $(ONE_HALF) & one=$$!; $$row $(OTHER_HALF); wait $$one); \
-		$(BIN)/dvc repro; }; }
+		{ $(call side_by_side,$(REPRO_ONE),$(REPRO_OTHER)); \
+		$(call side_by_side,$(BASELINES:%=evaluate@%) evaluate@fitted,$(MEASURED:%=evaluate@%) evaluate@truth evaluate@mismatched); \
+		$(BIN)/dvc repro $(REPRO:%=evaluate@%); }; }
+	@$(BIN)/python -m pipelines.summary $(REPRO)
+
+report: repro  ## Then the other models, the face, what speech tells them, and data/report: an hour more; goes on where it was killed
+	@test -z "$$($(BIN)/dvc status -q || echo changed)" || { $(call side_by_side,$(REPORT_ONE),$(REPORT_OTHER)); $(BIN)/dvc repro; }
 	@cat data/report/summary.txt
 
 # Composing conf/ takes seconds, so it is done only if conf/, params.yaml or the choice of the corpus has changed.
@@ -106,7 +111,7 @@ wheel: setup  ## Build dist/talkingeyes-*.whl, with the packaged models and the 
 	@ls -l dist/talkingeyes-*.whl
 
 packaged-models: models ?= data/train
-packaged-models: setup  ## Put trained default models into the package: those of make repro, or models=DIR
+packaged-models: setup  ## Put trained default models into the package: those of make report, or models=DIR
 	$(BIN)/talkingeyes pack $(models)/talkingeyes_events -o src/talkingeyes/animation/assets/talkingeyes.safetensors --half-precision --force
 	$(BIN)/talkingeyes pack $(models)/talkingeyes_live -o src/talkingeyes/animation/assets/talkingeyes_live.safetensors --no-face --half-precision --force
 

@@ -3,7 +3,7 @@
 The packaged recording is repeated and embedded first, which is not counted. Prints CPU seconds of one process after a
 warm-up; each length runs in a separate process, with its peak memory.
 
-Run     python -m benchmarks.face [folder of a model of the face]     (after make repro)
+Run     python -m benchmarks.face [folder of a model of the face]     (after make report)
 Reads   data/train/probtalk3d
 """
 

@@ -1,6 +1,6 @@
 """Baselines that the field ships, beside the models: the page docs/field_baselines.md.
 
-Run     python -m pipelines.field_baselines [PEOPLE]        (after make repro)
+Run     python -m pipelines.field_baselines [PEOPLE]        (after make report)
 Reads   data/ (corpus, fit, embed, critic, evaluate, samples); PEOPLE, the fixations of recorded people
         (../shared/data/real/gaze/conversation_fixations.csv.gz); without them, the page has no distances to people
 Writes  docs/field_baselines.json and docs/field_baselines.md; works in build/field_baselines
@@ -71,7 +71,7 @@ PAGE = """# Baselines that the field ships
 
 Programs that drive avatars today leave the eyes idle, random, replayed or rule-based. Four such ways are measured like
 models: with the [gaze benchmark](benchmark.md), the requirements of the report, and the distance to
-[recorded people](people.md). This page is written by `python -m pipelines.field_baselines`, after `make repro`;
+[recorded people](people.md). This page is written by `python -m pipelines.field_baselines`, after `make report`;
 [field_baselines.json](field_baselines.json) has all rows, metrics and intervals.
 
 ## The baselines
@@ -132,7 +132,7 @@ def compute(workspace: Workspace, recorded: Path | None) -> dict[str, Any]:
     """All rows: requirements, the benchmark beside the default's, and distances to recorded people."""
     missing = [name for name in (*ROWS, "fitted") if not workspace.data("evaluate", name, "metrics.json").is_file()]
     if missing:
-        raise InputError(f"{workspace.data('evaluate')}: should hold {', '.join(missing)}, got none; run `make repro`")
+        raise InputError(f"{workspace.data('evaluate')}: should hold {', '.join(missing)}, got none; run `make report`")
     sample(workspace)
     for name in GENERATORS:
         evaluate.run(workspace, name)

@@ -1,6 +1,6 @@
 """Motion of the default chain beside motion tracked in real videos: the table of docs/log/2026-11-26-real-motion.md.
 
-Run     python -m pipelines.real_motion        (after make real-videos and make repro; half a minute)
+Run     python -m pipelines.real_motion        (after make real-videos and make report; half a minute)
 Reads   build/real/corpus; corpus, fit and samples in data/ (test and unseen speakers; nothing is chosen by them)
 Prints  for each measure its median over real clips, their mean difference, and each row's median with its distance
 

@@ -1,6 +1,6 @@
 """Comparison of a model's motion with the reference ranges of human behaviour, at 25 and at 120 fps.
 
-Run     python -m pipelines.reference_ranges_model [MODEL] [--split test]   (talkingeyes_events, val; after make repro)
+Run     python -m pipelines.reference_ranges_model [MODEL] [--split test]   (talkingeyes_events, val; after make report)
 Reads   the corpus, data/fit, data/embed, data/train/MODEL and the models that it is compared with; sounds of val, or of
         test and unseen for a release
 Writes  docs/reference_ranges_model.md and .csv; for another model or split build/reference_ranges/MODEL[-test].md

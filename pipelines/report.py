@@ -7,7 +7,7 @@ Writes  data/report/: metrics.json {row: {split: {part: {metric: value}}}}, tabl
         traces (several samples of one sound), speeds, code usage, benchmark (all metrics beside the truth's
         intervals); face.md: the faces, as in ProbTalk3D's Table 1;
         requirements.json: margins and ties of every row, with intervals and whether they are met;
-        summary.txt: five figures per model, which `make repro` prints; rows/<row>.json: the same for `dvc metrics`;
+        summary.txt: five figures per model, which `make report` prints; rows/<row>.json: the same for `dvc metrics`;
         films/<row>.mp4: three seconds of every row, under the same sound
 Run     python -m pipelines.report
 """
@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -148,9 +148,11 @@ class Results:
     upstream: list[Requirement]
 
     @classmethod
-    def read(cls, workspace: Workspace) -> Results:
-        """Raises InputError if `evaluate` has no rows or a file is not readable."""
+    def read(cls, workspace: Workspace, names: Collection[str] = ()) -> Results:
+        """Of some rows, or of all that there are. Raises InputError if `evaluate` has none or a file is not
+        readable."""
         rows = _json_of_rows(workspace.data("evaluate"), "metrics.json")
+        rows = {name: row for name, row in rows.items() if not names or name in names}
         if not rows:
             raise InputError(f"{workspace.data('evaluate')}: should contain rows of `evaluate`, got none")
         eyes = {name: row for name, row in rows.items() if any(set(parts) - {"face"} for parts in row.values())}
@@ -196,7 +198,7 @@ def run(workspace: Workspace) -> Report:
         artifacts=artifacts,
         rows=[
             MethodResult(
-                name, _compared(name, results), [*pictures, *workspace.data("report", "films").glob(f"{name}.mp4")]
+                name, flat_metrics(name, results), [*pictures, *workspace.data("report", "films").glob(f"{name}.mp4")]
             )
             for name in order_rows(results.rows)
         ],
@@ -372,7 +374,7 @@ def _values(rows: Mapping[str, MethodMetrics]) -> dict[str, Any]:
     }
 
 
-def _compared(name: str, results: Results) -> dict[str, float]:
+def flat_metrics(name: str, results: Results) -> dict[str, float]:
     """The figures of a row in the comparison of MLflow: all its metrics, information, ties, requirements met, and those
     on val."""
     values = _values({"own": results.rows[name], "fitted": results.rows.get("fitted", {})})

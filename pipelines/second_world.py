@@ -1,6 +1,6 @@
 """Train all models on a second synthetic world, and compare the rank order of models with that of the default chain.
 
-Run     python -m pipelines.second_world [overrides]       (after make repro)
+Run     python -m pipelines.second_world [overrides]       (after make report)
 Reads   conf/experiment/second_world.yaml; benchmarks of the default chain in data/evaluate
 Writes  docs/second_world.md and .json; works in the folder that `workspace` names (build/second_world)
 
@@ -72,7 +72,7 @@ def read_benchmarks(folder: Path, models: Sequence[str]) -> Results:
     for name in models:
         path = folder / name / "benchmark.json"
         if not path.is_file():
-            raise InputError(f"{folder}: should hold the benchmark of {name}, got none; `make repro` makes it")
+            raise InputError(f"{folder}: should hold the benchmark of {name}, got none; `make report` makes it")
         found[name] = from_json(json.loads(path.read_text()))
     return found
 

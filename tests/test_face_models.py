@@ -276,7 +276,7 @@ def test_whole_clips_set_the_statistics_of_latents() -> None:
 
 def test_invalid_tokenizer_is_one_line_error(tmp_path: Path) -> None:
     checkpoint.save(tmp_path, {}, {"network": {"kind": "vq"}})
-    with pytest.raises(InputError, match=r"not a motion autoencoder of the face(.|\n)*`make repro` trains one$"):
+    with pytest.raises(InputError, match=r"not a motion autoencoder of the face(.|\n)*`make report` trains one$"):
         load_face_tokenizer(tmp_path)
 
 
@@ -429,7 +429,7 @@ def test_a_face_model_of_an_old_configuration_is_a_one_line_error(tmp_path: Path
     baseline("mean", tmp_path)
     saved = checkpoint.load(tmp_path)
     checkpoint.save(tmp_path, saved.tensors, saved.config | {"model": saved.config["model"] | {"prior": 1}})
-    with pytest.raises(InputError, match=r"\(model\.prior: .*, got 1\); `make repro`") as error:
+    with pytest.raises(InputError, match=r"\(model\.prior: .*, got 1\); `make report`") as error:
         load_face_generator(tmp_path)
     assert "\n" not in str(error.value)
 

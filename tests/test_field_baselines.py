@@ -167,7 +167,7 @@ def test_rows_of_a_workspace_beside_its_models(workspace):
 
 def test_an_unfinished_chain_is_named(tmp_path):
     made = toy_workspace(tmp_path)
-    with pytest.raises(InputError, match=r"should hold truth, .*, fitted, got none; run `make repro`"):
+    with pytest.raises(InputError, match=r"should hold truth, .*, fitted, got none; run `make report`"):
         compute(FieldWorkspace(made.root, made.params), None)
 
 

@@ -72,5 +72,5 @@ def test_the_spread_of_random_orders_is_kendall_s() -> None:
 
 
 def test_a_missing_benchmark_is_one_line(tmp_path) -> None:
-    with pytest.raises(InputError, match="should hold the benchmark of vae, got none; `make repro` makes it"):
+    with pytest.raises(InputError, match="should hold the benchmark of vae, got none; `make report` makes it"):
         second_world.read_benchmarks(tmp_path, ["vae"])

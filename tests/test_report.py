@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from toy_workspace import toy_workspace
 
-from pipelines import critic, evaluate, report
+from pipelines import critic, evaluate, report, summary
 from pipelines.report import VALIDATION_DISTANCES, VALIDATION_TIES
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.paper_metrics.requirements import (
@@ -68,6 +68,19 @@ def test_the_summary_fits_a_terminal(workspace, reported):
     row = next(line for line in lines if line.startswith("Mean "))
     assert row.split()[1:4] == ["0.000", "0.00", "0.00"]
     assert any("requirements met" in line for line in lines)
+
+
+def test_the_summary_of_some_rows_is_that_of_the_report_without_the_others(workspace, reported, capsys):
+    found = summary.run(["mean", "truth"], workspace)
+    printed = capsys.readouterr().out.splitlines()
+    assert [line.split("  ")[0] for line in printed[4:]] == ["Truth", "Mean"]
+    whole = workspace.data("report", "summary.txt").read_text().splitlines()
+    assert [line.split() for line in printed[:2]] == [line.split() for line in whole[:2]]
+    assert printed[5].split() in [line.split() for line in whole]
+    assert [row.name for row in found.rows] == ["truth", "mean"]
+    assert not any(key.startswith("val/") for row in found.rows for key in row.metrics)  # of `validate`: left out
+    with pytest.raises(InputError, match="evaluate/vae: should be a row of `evaluate`, got no folder"):
+        summary.run(["mean", "vae"], workspace)
 
 
 def test_each_row_has_a_file_of_the_figures_of_the_summary(workspace, reported):

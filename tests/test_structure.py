@@ -61,6 +61,7 @@ NO_STAGE = {
     "second_world",
     "result_tables",
     "study",
+    "summary",
     "sweep",
     "table_runs",
     "tables",
@@ -112,6 +113,13 @@ def test_a_stage_has_one_name_at_every_layer(repository, stages, params):
         for out in [*own.get("outs", []), *own.get("metrics", []), *own.get("plots", [])]:
             path = out if isinstance(out, str) else next(iter(out))
             assert Path(path).parts[:2] == ("data", name)
+
+
+def test_make_names_every_stage_that_two_cores_share(repository, stages):
+    command = ["make", "--dry-run", "--no-print-directory", "report"]
+    shown = subprocess.run(command, cwd=repository, capture_output=True, text=True, check=True).stdout
+    rows = {f"{name}@{item}" for name, stage in stages.items() for item in items(stage)}
+    assert set(re.findall(r"\w+@\w+|\bcritic\b", shown)) == rows | {"critic"}
 
 
 def test_the_command_of_a_stage_takes_the_arguments_that_it_gets(stages):
@@ -273,6 +281,15 @@ def test_no_dependency_sends_telemetry(repository, monkeypatch):
     shared = {*wanted, "HF_HUB_DISABLE_TELEMETRY", "OMP_NUM_THREADS"}
     assert {name: exported[name] for name in shared} == {name: os.environ[name] for name in shared}
     assert "analytics = false" in (repository / ".dvc/config").read_text()
+
+
+@pytest.mark.parametrize("given", [{}, {"OMP_NUM_THREADS": "2"}, {"MKL_NUM_THREADS": "3"}])
+def test_all_libraries_get_the_threads_of_one_variable(monkeypatch, given):
+    monkeypatch.setattr(os, "environ", dict(given))
+    configure_environment()
+    threads = given.get("OMP_NUM_THREADS", "1")
+    found = {name: os.environ[name] for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
+    assert found == {**dict.fromkeys(found, threads), **given}
 
 
 def test_make_lets_python_keep_byte_code(repository):

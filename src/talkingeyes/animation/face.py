@@ -71,7 +71,7 @@ class FaceAnimator:
             content = read_json(folder / "embedding.json", "JSON file")
             own = validate_section("embed", EmbedSettings, content["settings"])
         except (OSError, ValueError, KeyError) as error:
-            raise InputError(f"{folder}: not a trained model ({error}); `make repro` trains one") from None
+            raise InputError(f"{folder}: not a trained model ({error}); `make report` trains one") from None
         return cls(generator, encoder if own == settings else make_encoder(own))
 
     def check(self, style: Sequence[StyleKey]) -> None:

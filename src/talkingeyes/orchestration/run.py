@@ -220,9 +220,11 @@ def _cluster(machine: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def configure_environment() -> None:
-    """Set one thread per process and disable the telemetry of dependencies. Call before they are imported."""
-    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
+    """Set one thread per process, or OMP_NUM_THREADS if it is set, and disable the telemetry of dependencies. Call
+    before they are imported."""
+    threads = os.environ.setdefault("OMP_NUM_THREADS", "1")
+    for name in ("MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, threads)
     os.environ.update(
         MLFLOW_DISABLE_TELEMETRY="true",
         DO_NOT_TRACK="true",

@@ -102,7 +102,7 @@ def load_face_generator(folder: Path, head: FaceBasis | None = None) -> TrainedF
     try:
         generator = _generator(checkpoint)
     except (KeyError, TypeError, RuntimeError, ValueError) as error:
-        raise InputError(f"{folder}: not a model of the face ({error}); `make repro` trains probtalk3d") from None
+        raise InputError(f"{folder}: not a model of the face ({error}); `make report` trains probtalk3d") from None
     if head is not None:
         generator.basis.require_match(head, str(folder), "train one on faces of that head")
     return generator

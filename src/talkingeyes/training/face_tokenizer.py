@@ -170,5 +170,7 @@ def load_face_tokenizer(folder: Path) -> FaceTokenizer:
         tokenizer = build_face_tokenizer(checkpoint.config)
         tokenizer.network.load_state_dict(checkpoint.tensors)
     except (KeyError, TypeError, RuntimeError, ValueError) as error:
-        raise InputError(f"{folder}: not a motion autoencoder of the face ({error}); `make repro` trains one") from None
+        raise InputError(
+            f"{folder}: not a motion autoencoder of the face ({error}); `make report` trains one"
+        ) from None
     return tokenizer

@@ -39,7 +39,7 @@ def load_face_model(folder: Path, head: FaceBasis) -> NumpyFaceGenerator | Train
         generator = NumpyFaceGenerator(checkpoint) if can_generate_face(checkpoint.config) else None
     except DAMAGED as error:
         raise InputError(
-            f"{folder}: not a face model of this version ({error!r}); `make repro` trains probtalk3d"
+            f"{folder}: not a face model of this version ({error!r}); `make report` trains probtalk3d"
         ) from None
     if generator is None:
         from talkingeyes.training.face_generators import load_face_generator

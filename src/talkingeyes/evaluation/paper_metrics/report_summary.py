@@ -35,26 +35,12 @@ def report_summary(
     upstream: Sequence[Requirement],
     folder: str,
 ) -> str:
-    """The summary. `informed`: rows of the stage `information`; `aversions`: what speech tells about averted gaze, of
-    each row; `required`: of each model; `upstream`: of the stages before; `folder`: where the report is."""
-    gaze = {name: row for name, row in rows.items() if metric(row, SPLIT, "gaze", "speed")}
-    cells = [["", INFORMATION, AVERSION, *(title for title, _, _ in COLUMNS), TIES, MARGINS]]
-    for name in order_rows(gaze):
-        known = information_on_unseen(informed.get(name))
-        information = "" if known is None else f"{known:.2f}"
-        averted = f"{aversions[name]['information']['value']:.3f}" if name in aversions else ""
-        met = [met_of(required[name], ties) for ties in (True, False)]
-        cells.append([TITLES.get(name, name), information, averted, *_figures(rows[name]), *met])
-    widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
-    table = ["  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])]) for line in cells]
+    """The summary. `upstream`: requirements of the stages before the models; `folder`: where the report is; the others
+    as in `summary_table`."""
     missed = [each for each in upstream if not each.is_met]
     return "\n".join(
         [
-            "New speakers (unseen); Diversity and eye speed: ratios to the truth. Of test and unseen:",
-            "aversion, ties (motion follows its sound) and margins (it is like motion, whatever the sound):",
-            "",
-            *table,
-            *_faces(rows),
+            *summary_table(rows, informed, aversions, required),
             "",
             f"fitting, codebooks, critics and the face: {count_met(upstream)} of {len(upstream)} requirements met",
             *(f"  missed: {each.name}: {_value(each)}, required {each.bounds}" for each in missed[:MAX_MISSED]),
@@ -64,6 +50,33 @@ def report_summary(
             "",
         ]
     )
+
+
+def summary_table(
+    rows: Mapping[str, MethodMetrics],
+    informed: Mapping[str, Mapping[str, Any]],
+    aversions: Mapping[str, Mapping[str, Any]],
+    required: Mapping[str, Sequence[Requirement]],
+) -> list[str]:
+    """Its lines on models. `informed`: rows of the stage `information`; `aversions`: what speech tells about averted
+    gaze, of each row; `required`: of each model."""
+    gaze = {name: row for name, row in rows.items() if metric(row, SPLIT, "gaze", "speed")}
+    cells = [["", *([INFORMATION] if informed else []), AVERSION, *(title for title, _, _ in COLUMNS), TIES, MARGINS]]
+    for name in order_rows(gaze):
+        known = information_on_unseen(informed.get(name))
+        information = ["" if known is None else f"{known:.2f}"] if informed else []
+        averted = f"{aversions[name]['information']['value']:.3f}" if name in aversions else ""
+        met = [met_of(required[name], ties) for ties in (True, False)]
+        cells.append([TITLES.get(name, name), *information, averted, *_figures(rows[name]), *met])
+    widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
+    table = ["  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])]) for line in cells]
+    return [
+        "New speakers (unseen); Diversity and eye speed: ratios to the truth. Of test and unseen:",
+        "aversion, ties (motion follows its sound) and margins (it is like motion, whatever the sound):",
+        "",
+        *table,
+        *_faces(rows),
+    ]
 
 
 def information_on_unseen(row: Mapping[str, Any] | None) -> float | None:

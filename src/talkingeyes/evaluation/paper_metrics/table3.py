@@ -40,9 +40,7 @@ PUBLISHED = {
     "head": {"vae": (0.09645, 0.52148, 0.23699), "talkingeyes_paper": (0.05143, 0.51913, 0.22731)},
 }
 
-
 INTERVALS = ("low", "high", "speakers_low", "speakers_high")  # over clips, over speakers
-
 
 COLUMNS = {
     "gaze": (

@@ -1,0 +1,45 @@
+"""The summary of some rows of the chain: what `make repro` prints. The stage `report` has all rows, with intervals.
+
+Run     python -m pipelines.summary ROW ...
+Reads   what `report` reads of these rows, without data/information and data/validate, which may be of other models
+Writes  the summary to stdout; the rows to MLflow
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from pipelines.report import Results, flat_metrics
+from talkingeyes.core.errors import InputError
+from talkingeyes.evaluation.paper_metrics.report_summary import summary_table
+from talkingeyes.evaluation.paper_metrics.table3 import order_rows
+from talkingeyes.orchestration.run import MethodResult, Report, Workspace, run_command, run_stage
+
+MORE = """
+Figures with intervals, plots, films, the other models and the face: make report, an hour more. Runs: make ui
+Animate a recording: .venv/bin/talkingeyes animate SPEECH.wav"""
+
+
+def run(names: Sequence[str], workspace: Workspace) -> Report:
+    """Print the summary. Raises InputError for a row that was not evaluated."""
+    results = replace(Results.read(workspace, names), informed={}, on_val={})
+    if missing := [name for name in names if not workspace.data("evaluate", name).is_dir()]:
+        raise InputError(f"{workspace.data('evaluate', missing[0])}: should be a row of `evaluate`, got no folder")
+    print("\n".join(summary_table(results.rows, {}, results.aversions, results.required)))
+    return Report(rows=[MethodResult(name, flat_metrics(name, results)) for name in order_rows(results.rows)])
+
+
+def main() -> None:
+    """The summary of the rows named on the command line, in the current folder."""
+    if not (names := sys.argv[1:]):
+        raise InputError("summary: should get rows of `evaluate`, got none")
+    run_stage("summary", partial(run, names), Workspace.open(Path.cwd()))
+    print(MORE)
+
+
+if __name__ == "__main__":
+    run_command(main)
