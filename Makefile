@@ -50,7 +50,10 @@ BASELINES = mean random similar untrained
 REPRO = truth fitted mismatched $(BASELINES) vae talkingeyes_paper talkingeyes_events
 REPRO_ONE = train@talkingeyes_events sample@talkingeyes_events $(BASELINES:%=train@%) $(BASELINES:%=sample@%)
 REPRO_OTHER = critic pretrain@gaze_frames train@talkingeyes_paper sample@talkingeyes_paper train@vae sample@vae
-MEASURED = vae talkingeyes_paper talkingeyes_events
+REPRO_ONE_HALF = $(BASELINES:%=evaluate@%) evaluate@fitted
+REPRO_OTHER_HALF = $(filter-out $(REPRO_ONE_HALF),$(REPRO:%=evaluate@%))
+space := $(subst ,, )
+REPRO_STAGES := synthesize fit embed $(REPRO_ONE) $(REPRO_OTHER) $(REPRO:%=evaluate@%)
 REPORT_ONE = pretrain@face train@probtalk3d sample@probtalk3d evaluate@probtalk3d pretrain@gaze_patches train@talkingeyes \
 	sample@talkingeyes evaluate@talkingeyes validate@talkingeyes information@talkingeyes
 REPORT_OTHER = train@talkingeyes_live sample@talkingeyes_live evaluate@talkingeyes_live validate@talkingeyes_live \
@@ -66,12 +69,13 @@ demo:  ## Animate the packaged recording with the packaged model; opens build/de
 	@if [ "$$DISPLAY$$WAYLAND_DISPLAY" ]; then $(BIN)/python -m webbrowser build/demo/index.html; fi
 
 repro: params  ## Make the corpus and the rows of Table III, in under 20 minutes. Another corpus: make repro corpus=DIR (fit=video if tracked)
-	@test -z "$$($(BIN)/dvc status -q -d $(REPRO:%=evaluate@%) || echo changed)" || { \
+	@if changed=$$($(BIN)/dvc status --json) && ! echo "$$changed" | grep -Eq '"($(subst $(space),|,$(REPRO_STAGES)))":'; \
+	then log=; else log=--log; \
 		$(BIN)/dvc repro fit embed && \
 		{ $(call side_by_side,$(REPRO_ONE),$(REPRO_OTHER)); \
-		$(call side_by_side,$(BASELINES:%=evaluate@%) evaluate@fitted,$(MEASURED:%=evaluate@%) evaluate@truth evaluate@mismatched); \
-		$(BIN)/dvc repro $(REPRO:%=evaluate@%); }; }
-	@$(BIN)/python -m pipelines.summary $(REPRO)
+		$(call side_by_side,$(REPRO_ONE_HALF),$(REPRO_OTHER_HALF)); \
+		$(BIN)/dvc repro $(REPRO:%=evaluate@%); } || exit $$?; \
+	fi; $(BIN)/python -m pipelines.summary $$log $(REPRO)
 
 report: repro  ## Then the other models, the face, what speech tells them, and data/report: an hour more; goes on where it was killed
 	@test -z "$$($(BIN)/dvc status -q || echo changed)" || { $(call side_by_side,$(REPORT_ONE),$(REPORT_OTHER)); $(BIN)/dvc repro; }

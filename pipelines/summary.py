@@ -1,8 +1,8 @@
 """The summary of some rows of the chain: what `make repro` prints. The stage `report` has all rows, with intervals.
 
-Run     python -m pipelines.summary ROW ...
+Run     python -m pipelines.summary [--log] ROW ...
 Reads   what `report` reads of these rows, without data/information and data/validate, which may be of other models
-Writes  the summary to stdout; the rows to MLflow
+Writes  the summary to stdout; with --log, the rows to MLflow
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from talkingeyes.evaluation.paper_metrics.report_summary import summary_table
 from talkingeyes.evaluation.paper_metrics.table3 import order_rows
 from talkingeyes.orchestration.run import MethodResult, Report, Workspace, run_command, run_stage
 
+LOG = "--log"
 MORE = """
 Figures with intervals, plots, films, the other models and the face: make report, an hour more. Runs: make ui
 Animate a recording: .venv/bin/talkingeyes animate SPEECH.wav"""
@@ -35,9 +36,14 @@ def run(names: Sequence[str], workspace: Workspace) -> Report:
 
 def main() -> None:
     """The summary of the rows named on the command line, in the current folder."""
-    if not (names := sys.argv[1:]):
+    names = [each for each in sys.argv[1:] if each != LOG]
+    if not names:
         raise InputError("summary: should get rows of `evaluate`, got none")
-    run_stage("summary", partial(run, names), Workspace.open(Path.cwd()))
+    workspace, summarise = Workspace.open(Path.cwd()), partial(run, names)
+    if LOG in sys.argv:
+        run_stage("summary", summarise, workspace)
+    else:
+        summarise(workspace)
     print(MORE)
 
 

@@ -83,6 +83,21 @@ def test_the_summary_of_some_rows_is_that_of_the_report_without_the_others(works
         summary.run(["mean", "vae"], workspace)
 
 
+@pytest.mark.parametrize("log", [False, True])
+def test_the_command_logs_the_summary_only_on_request(workspace, monkeypatch, capsys, log):
+    logged = []
+    monkeypatch.chdir(workspace.root)
+    monkeypatch.setattr("sys.argv", ["summary", *["--log"] * log, "mean"])
+    monkeypatch.setattr(summary.Workspace, "open", lambda root: workspace)
+    monkeypatch.setattr(summary, "run_stage", lambda stage, run, workspace: logged.append((stage, run(workspace))))
+    summary.main()
+    assert capsys.readouterr().out.splitlines()[4].startswith("Mean ")
+    assert [(stage, [row.name for row in report.rows]) for stage, report in logged] == [("summary", ["mean"])] * log
+    monkeypatch.setattr("sys.argv", ["summary", "--log"])
+    with pytest.raises(InputError, match="should get rows of `evaluate`, got none"):
+        summary.main()
+
+
 def test_each_row_has_a_file_of_the_figures_of_the_summary(workspace, reported):
     rows = {path.stem: json.loads(path.read_text()) for path in workspace.data("report", "rows").iterdir()}
     assert set(rows) == set(ROWS)
