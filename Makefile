@@ -54,10 +54,10 @@ REPRO_ONE_HALF = $(BASELINES:%=evaluate@%) evaluate@fitted
 REPRO_OTHER_HALF = $(filter-out $(REPRO_ONE_HALF),$(REPRO:%=evaluate@%))
 space := $(subst ,, )
 REPRO_STAGES := synthesize fit embed $(REPRO_ONE) $(REPRO_OTHER) $(REPRO:%=evaluate@%)
-REPORT_ONE = pretrain@face train@probtalk3d sample@probtalk3d evaluate@probtalk3d pretrain@gaze_patches train@talkingeyes \
-	sample@talkingeyes evaluate@talkingeyes validate@talkingeyes information@talkingeyes
-REPORT_OTHER = train@talkingeyes_live sample@talkingeyes_live evaluate@talkingeyes_live validate@talkingeyes_live \
-	information@talkingeyes_live information@talkingeyes_events information@untrained $(REPRO:%=validate@%)
+REPORT_ONE = pretrain@face $(foreach stage,train sample evaluate,$(stage)@probtalk3d) information@talkingeyes_events \
+	information@untrained $(REPRO:%=validate@%)
+measured_model = $(foreach stage,train sample evaluate validate information,$(stage)@$(1))
+REPORT_OTHER = $(call measured_model,talkingeyes_live) pretrain@gaze_patches $(call measured_model,talkingeyes)
 
 demo:  ## Animate the packaged recording with the packaged model; opens build/demo/index.html, three samples side by side
 	@start=$$(date +%s); $(MAKE) --no-print-directory setup && \
