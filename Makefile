@@ -77,7 +77,7 @@ repro: params  ## Make the corpus and the rows of Table III, in under 20 minutes
 		$(BIN)/dvc repro $(REPRO:%=evaluate@%); } || exit $$?; \
 	fi; $(BIN)/python -m pipelines.summary $$log $(REPRO)
 
-report: repro  ## Then the other models, the face, what speech tells them, and data/report: an hour more; goes on where it was killed
+report: repro  ## Then the other models, the face, what speech tells them, and data/report: 45 minutes more; goes on where it was killed
 	@test -z "$$($(BIN)/dvc status -q || echo changed)" || { $(call side_by_side,$(REPORT_ONE),$(REPORT_OTHER)); $(BIN)/dvc repro; }
 	@cat data/report/summary.txt
 

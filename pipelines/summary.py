@@ -21,7 +21,7 @@ from talkingeyes.orchestration.run import MethodResult, Report, Workspace, run_c
 
 LOG = "--log"
 MORE = """
-Figures with intervals, plots, films, the other models and the face: make report, an hour more. Runs: make ui
+Figures with intervals, plots, films, the other models and the face: make report, 45 minutes more. Runs: make ui
 Animate a recording: .venv/bin/talkingeyes animate SPEECH.wav"""
 
 
