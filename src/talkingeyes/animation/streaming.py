@@ -105,7 +105,7 @@ class LiveModel:
                 seen = read_json(folder / "blinks.json", "JSON file")["speakers"]["log_normal"]
                 corpus = BlinkProfile("lognormal", math.exp(seen["mean"]), seen["sd"])
             except (OSError, ValueError, KeyError) as error:
-                raise InputError(f"{model}: not a trained model ({error}); `make repro` trains one") from None
+                raise InputError(f"{model}: not a trained model ({error}); `make report` trains one") from None
         if not isinstance(generator, NetworkGenerator):
             raise InputError(
                 f"{model}: should be a model for streams, such as data/train/talkingeyes_live, got a baseline"
