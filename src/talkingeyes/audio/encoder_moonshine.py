@@ -6,6 +6,7 @@ input is raw 16 kHz speech; convolutions (kernels 127, 7, 3, strides 64, 3, 2) g
 
 from __future__ import annotations
 
+import os
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Literal
@@ -40,6 +41,7 @@ class MoonshineEncoder:
     settings_class = MoonshineSettings
 
     def __init__(self, settings: MoonshineSettings) -> None:
+        os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # read at the import; disable_telemetry_events comes too late
         import onnxruntime
 
         options = onnxruntime.SessionOptions()
