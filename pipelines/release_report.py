@@ -27,12 +27,12 @@ import numpy as np
 from pipelines import embed, evaluate, fit, sample, synthesize
 from pipelines.evaluate_face import measure_faces
 from pipelines.report import aversion_table
-from talkingeyes.animation.face import find_face_model
 from talkingeyes.animation.model_file import (
     PACKAGED_LIVE_MODEL,
     PACKAGED_MODEL,
     PACKAGED_MODELS,
     PACKAGED_REMOTE_CALL_MODEL,
+    find_face_model,
     open_model,
 )
 from talkingeyes.core.atomic_file import atomic_write

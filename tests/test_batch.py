@@ -139,7 +139,7 @@ def test_failures_do_not_stop_the_others(
         cli.main()
     assert left.value.code == 2
     said = capfd.readouterr()
-    assert said.out == "out: 2 done, 2 failed\n"
+    assert said.out == "out: 2 done, 2 failed; head and gaze: data/train/talkingeyes_events, face: packaged\n"
     assert "error: 2 of 4 failed (out/summary.csv); the first: lines/b.wav: silent" in said.err
     rows = table(place / "out")
     assert [row["status"] for row in rows] == ["done", "failed", "done", "failed"]

@@ -8,7 +8,8 @@ import pytest
 from talkingeyes.animation import face as faces_of
 from talkingeyes.animation.animator import Animator
 from talkingeyes.animation.controls import Controls
-from talkingeyes.animation.face import FaceAnimator, emotion_lid_closure, find_face_model, interpolate_pchip, with_face
+from talkingeyes.animation.face import FaceAnimator, emotion_lid_closure, interpolate_pchip, with_face
+from talkingeyes.animation.model_file import find_face_model
 from talkingeyes.animation.part_overrides import PartOverrides
 from talkingeyes.audio.encoder import EmbedSettings
 from talkingeyes.core import rotation
@@ -62,7 +63,7 @@ class Faces:
 
 
 ENCODER = Encoder()
-WITH_FACE = Animator(ENCODER, Heads(), FPS, face=FaceAnimator(Faces(), ENCODER))
+WITH_FACE = Animator(ENCODER, Heads(), FPS, face=FaceAnimator(Faces(), ENCODER, FPS))
 WITHOUT_FACE = replace(WITH_FACE, face=None)
 
 
@@ -131,15 +132,15 @@ def test_other_frame_rates_interpolate_frames_of_the_model():
 
 def test_long_speech_is_made_of_pieces_without_seams(monkeypatch):
     embedding, style = np.zeros((FRAMES, 1), np.float32), felt("neutral", 0)
-    whole = WITH_FACE.face.perform(embedding, style, 3, 2, FPS)
+    whole = WITH_FACE.face.perform(embedding, style, 3, 2)
     monkeypatch.setattr(faces_of, "CHUNK_S", 1.6)
     monkeypatch.setattr(faces_of, "OVERLAP_S", 0.8)
     monkeypatch.setattr(faces_of, "CROSSFADE_S", 0.4)
-    pieces = WITH_FACE.face.perform(embedding, style, 3, 2, FPS)
+    pieces = WITH_FACE.face.perform(embedding, style, 3, 2)
     assert pieces.jaw.shape == whole.jaw.shape
     assert pieces.expression.shape == whole.expression.shape
     for start in (20, 40, 60):
-        following = WITH_FACE.face._chunk(embedding[start : start + 40], style, (3, 2, start // 20), FPS)
+        following = WITH_FACE.face._chunk(embedding[start : start + 40], style, (3, 2, start // 20))
         assert np.array_equal(pieces.jaw[:, start + 15 : start + 25], following.jaw[:, 15:25]), "after its seam its own"
     still = replace(whole, jaw=np.zeros((2, 40, 3)), expression=np.zeros((2, 40, len(NAMES))))
     one, other = still, replace(still, jaw=np.ones((2, 40, 3)))
@@ -228,10 +229,18 @@ def test_face_model_is_found_next_to_the_other_model(tmp_path):
 
 def test_face_model_with_other_encoder_encodes_the_sound():
     other = Encoder()
-    animator = replace(WITH_FACE, face=FaceAnimator(Faces(), other))
+    animator = replace(WITH_FACE, face=FaceAnimator(Faces(), other, FPS))
     assert np.array_equal(perform(animator=animator)[0].motion.jaw, perform()[0].motion.jaw)
-    embedded = animator.generate_from_embedding(ENCODER(SOUND, FPS), 1, 3, FPS)
-    assert embedded[0].motion.expression_names == (), "there is no sound to hear"
+    with pytest.raises(InputError, match=r"^face: should come with the sound of the speech itself"):
+        animator.generate_from_embedding(ENCODER(SOUND, FPS), 1, 3, FPS)
+
+
+def test_face_keeps_its_own_frame_rate():
+    slow = replace(WITH_FACE, face=FaceAnimator(Faces(), ENCODER, FPS / 2))
+    jaw = perform(animator=slow)[0].motion.jaw
+    own = slow.face.perform(ENCODER(SOUND, FPS / 2), Controls().face, 3, 1)
+    assert len(jaw) == FRAMES
+    assert np.allclose(jaw[::2], own.jaw[0]), "frames of the face lie at its own times"
 
 
 def test_with_face_needs_no_names_of_its_own():

@@ -196,7 +196,7 @@ def test_the_wheel_animates_in_an_empty_environment_and_folder(repository: Path,
     sound_file(tmp_path / "speech.wav", 2.0)
     command = tmp_path / "venv" / "bin" / "talkingeyes"
     said = run(command, "animate", "speech.wav", "--samples", "1")
-    assert said == "speech: 1 motion of 2.00 s at 25 fps by the packaged model\n"
+    assert said == "speech: 1 motion of 2.00 s at 25 fps; head, gaze and face: the packaged model\n"
     made = {path.name for path in (tmp_path / "speech").iterdir()}
     assert {"sample_00.npz", "sample_00.mp4", "traces.png", "sheet.png"} <= made
     motion = "speech/sample_00.npz"

@@ -1,14 +1,21 @@
-"""The README: short, and its figures are those of the committed report."""
+"""The README: short, its figures are those of the committed report, and its commands in their order lose no part."""
 
 from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import soundfile
 
 from pipelines.result_tables import read_tables
+from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL
+from talkingeyes.core.motion import Motion
+from talkingeyes.workflows.serve import find_live_model
 
 COLUMNS = ("random", "untrained", "talkingeyes_paper", "talkingeyes", "talkingeyes_events")
 ROWS = {
@@ -63,3 +70,33 @@ def test_figures_of_the_release_are_those_of_its_report(lines: list[str], reposi
         for name in ("TalkingEyes, events", "Truth")
     ]
     assert f"speech tells {known[0] / known[1]:.2f} as much about it" in " ".join(lines)
+
+
+def test_every_part_moves_before_and_after_make_repro(repository: Path, tiny: Path, tmp_path: Path) -> None:
+    """`make repro` trains no face: `animate` and `serve` in its folder then take the packaged one."""
+    rng = np.random.default_rng(0)
+    level = np.repeat(rng.uniform(0, 0.3, 24), 4000)  # syllables and pauses
+    soundfile.write(tmp_path / "speech.wav", level * rng.standard_normal(level.size), 16_000)
+    said = [_animate(tmp_path, "before")]
+    makefile = (repository / "Makefile").read_text()
+    rows = re.search(r"^REPRO = (.*)$", makefile, re.M).group(1).split()[3:]  # type: ignore[union-attr]
+    (tmp_path / "data" / "train").mkdir(parents=True)
+    for row in rows:
+        if not row.startswith("$"):
+            (tmp_path / "data" / "train" / row).symlink_to(tiny / "data" / "train" / row)
+    said.append(_animate(tmp_path, "after", "--emotion", "happy"))
+    assert said[0].endswith("; head, gaze and face: the packaged model\n")
+    assert said[1].endswith("; head and gaze: data/train/talkingeyes_events, face: packaged\n")
+    assert find_live_model(tmp_path / "data" / "train" / "talkingeyes_events", None) == PACKAGED_LIVE_MODEL
+
+
+def _animate(folder: Path, out: str, *options: str) -> str:
+    """The line that `animate` prints; all parts of its motion move."""
+    command = [sys.executable, "-m", "talkingeyes.cli.main", "animate", "speech.wav", "-o", out, "--samples", "1"]
+    command += ["--no-previews", *options]
+    done = subprocess.run(command, check=False, cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    motion = Motion.load(folder / out / "sample_00.npz")
+    for name in ("head", "gaze", "lid", "jaw", "expression"):
+        assert np.ptp(getattr(motion, name), axis=0).max() > 0.01, f"{out}: {name} moves"
+    return done.stdout

@@ -45,6 +45,7 @@ from talkingeyes.workflows import convert
 from tests.browser import CHROMIUM, FLAGS, Browser, open_browser
 
 pytestmark = pytest.mark.timeout(200)  # a service that does not answer must not stop the run
+OF_FLAME = ("flame", "vhap", "diffposetalk")
 SECONDS, STREAMS, IDLE_S = 1.6, 3, 5.0  # limit for a client on a busy machine
 LIMITED = f"""
 import sys
@@ -273,11 +274,17 @@ class TestFiles:
         for format, rate in (("FLAC", 44_100), ("OGG", 48_000), ("MP3", 22_050)):
             assert service.ask("performances", wav(speech(1.0), rate, format)).status == 200
 
-    @pytest.mark.parametrize("format", [name for name in convert.FORMATS if name != "mp4"])
+    @pytest.mark.parametrize("format", [name for name in convert.FORMATS if name not in {"mp4", *OF_FLAME}])
     def test_downloads(self, service: Service, format: str, performed: str) -> None:
         found = service.ask(f"{performed}/{format}")
         assert found.status == 200, found.body
         assert len(found.body) > 100
+
+    @pytest.mark.parametrize("format", OF_FLAME)
+    def test_formats_of_flame_say_what_a_moving_face_needs(self, service: Service, format: str, performed: str) -> None:
+        found = service.ask(f"{performed}/{format}")
+        assert found.status == 422
+        assert "should be your FLAME file" in found.told["error"]
 
     @pytest.mark.slow
     def test_a_film_is_a_download_too(self, service: Service, performed: str) -> None:

@@ -251,7 +251,8 @@ def test_messages_are_cut_and_cannot_be_seen_on_a_terminal() -> None:
 
 
 def test_messages_of_the_service_are_cut(tmp_path: Path) -> None:
-    resources = ServiceResources(WorkerPool("none:none", [], 1, 0), None, b"", [], [], {})
+    workers = WorkerPool("none:none", [], 1, 0, tmp_path)
+    resources = ServiceResources(workers, workers, b"", [], [], {})
     limits = Limits(1, 60.0, 1, 60.0, MIB, 60.0, 60.0, 1)
     client = TestClient(service_app(resources, limits, tmp_path, "127.0.0.1"), base_url="http://127.0.0.1")
     for query in (f"seed={'x' * 20_000}", f"{'x' * 20_000}=1"):

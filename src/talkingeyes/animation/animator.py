@@ -1,7 +1,6 @@
 """Animate speech with a trained model: sample head, gaze and face, then run the animation pipeline on each sample.
 
-The sequence of steps is in `animation/pipeline.py`. The face has a model of its own (`animation/face.py`); without one
-it is neutral.
+The sequence of steps is in `animation/pipeline.py`. The face has a model of its own (`animation/face.py`).
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from talkingeyes.animation.animation import Animation
 from talkingeyes.animation.context import AnimationContext, sample_seeds
 from talkingeyes.animation.controls import NEUTRAL_FACE, Controls
 from talkingeyes.animation.conversation_states import resolve_states, with_states
-from talkingeyes.animation.face import FaceAnimator, find_face_model
+from talkingeyes.animation.face import FaceAnimator
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory
 from talkingeyes.animation.inference.loading import load_motion_generator
 from talkingeyes.animation.inference.motion import NumpyMotionGenerator
-from talkingeyes.animation.model_file import PACKAGED_MODEL, is_packaged, open_model
+from talkingeyes.animation.model_file import FACE_MODEL_FOLDER, face_source, open_model
 from talkingeyes.animation.pipeline import animate_sample
 from talkingeyes.audio.annotation import Span
 from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
@@ -51,7 +50,7 @@ DEFAULT_CONTROLS = Controls()
 
 @dataclass(frozen=True)
 class Animator:
-    """A trained model with its speech encoder, and the model of the face, if there is one."""
+    """A trained model with its speech encoder, and a face model. Without one (never of `load`) the face is at rest."""
 
     encoder: SpeechEncoder
     generator: NumpyMotionGenerator | TrainedGenerator
@@ -63,21 +62,20 @@ class Animator:
     face: FaceAnimator | None = None
 
     @classmethod
-    def load(cls, model: Path, face: Path | None = None) -> Animator:
-        """Load a folder of the train stage or a packed file. Raises InputError if it is missing or damaged.
+    def load(cls, model: Path) -> Animator:
+        """Load a folder of the train stage or a packed file, with its face (`model_file.face_source`).
 
-        `face` is the folder of a face model; by default the one beside the model, if there is one (for a packaged
-        file, that of the packaged default).
+        Raises InputError if it is missing or damaged.
         """
         with ExitStack() as stack:
             folder = stack.enter_context(open_model(model))
-            face = face or find_face_model(folder)
-            if face is None and is_packaged(model):
-                face = find_face_model(stack.enter_context(open_model(PACKAGED_MODEL)))
-            return cls._of_folder(folder, face)
+            source = face_source(model)
+            opened = folder if source == model else stack.enter_context(open_model(source))
+            face = opened if source.is_dir() else opened.parent / FACE_MODEL_FOLDER
+            return cls._of_folders(folder, face)
 
     @classmethod
-    def _of_folder(cls, model: Path, face: Path | None) -> Animator:
+    def _of_folders(cls, model: Path, face: Path) -> Animator:
         generator = load_motion_generator(model)
         try:
             embedding = read_json(model / "embedding.json", "JSON file")
@@ -91,8 +89,7 @@ class Animator:
             fps, profiles = float(embedding["fps"]), blinks.PROFILES | own
         except (OSError, ValueError, KeyError) as error:
             raise InputError(f"{model}: not a trained model ({error}); `make repro` trains one") from None
-        of_face = FaceAnimator.load(face, settings, encoder) if face else None
-        return cls(encoder, generator, fps, profiles, speakers, of_face)
+        return cls(encoder, generator, fps, profiles, speakers, FaceAnimator.load(face, settings, encoder))
 
     @property
     def persons(self) -> tuple[str, ...]:
@@ -130,9 +127,8 @@ class Animator:
     ) -> list[Animation]:
         """Animate speech that is already embedded.
 
-        Without the sound, the times of speech are unknown: blinks do not depend on phrases, and a partner and states
-        are refused.
-        If the face model has another encoder, there is no face either.
+        Without the sound, the times of speech are unknown: blinks do not depend on phrases, and a partner, states and a
+        face model with another encoder are refused.
         """
         self._check(controls)
         for name, control in (("partner", controls.partner), ("states", controls.states)):
@@ -237,14 +233,14 @@ class Animator:
         seed: int,
         controls: Controls,
     ) -> FaceSamples | None:
-        """Samples of the face; None without a face model, or where the controls replace the face or switch it off."""
+        """Samples of the face; None where the controls replace the face or switch it off (or without a face model)."""
         if self.face is None or not controls.parts.is_generated("face"):
             return None
-        if self.face.encoder is not self.encoder:
+        if self.face.encoder is not self.encoder or self.face.fps != self.fps:
             if not len(sound):
-                return None
-            embedding = self.face.encoder(sound, self.fps)
-        return self.face.perform(embedding, controls.face, seed, samples, self.fps)
+                raise InputError("face: should come with the sound of the speech itself, got embedded speech")
+            embedding = self.face.encoder(sound, self.face.fps)
+        return self.face.perform(embedding, controls.face, seed, samples)
 
 
 def _listed(names: Iterable[str]) -> str:

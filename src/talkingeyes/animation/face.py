@@ -1,7 +1,7 @@
 """The face of an animation: jaw and expression from a face model (ProbTalk3D), added to head, gaze and blinks.
 
-The model is in the folder `probtalk3d` beside that of head and gaze (of the train stage, or of a packed file), or named
-explicitly. It receives the same speech and has a random stream of its own.
+The model is in the folder `probtalk3d` beside that of head and gaze, in the same packed file, or else the packaged one
+(`model_file.face_source`). It receives the same speech and has a random stream of its own.
 
 Division of labour: `expression` has no channels of gaze, blinks and jaw, so the model cannot blink. Brows are its own.
 Its shapes around the eyes (squint, wide) fade as the lids close, so that the lids meet in a blink. Raised and drooping
@@ -44,7 +44,6 @@ from talkingeyes.training.model_folder import is_face_model
 if TYPE_CHECKING:
     from talkingeyes.training.face_generators import TrainedFaceGenerator
 
-FACE_MODEL_FOLDER = "probtalk3d"
 AROUND_EYES = ("eyeSquint", "eyeWide")
 CHUNK_S, OVERLAP_S, CROSSFADE_S = 120.0, 6.0, 0.5
 SEED_STREAM = 4  # random stream of the face among those of a sample
@@ -56,6 +55,7 @@ class FaceAnimator:
 
     generator: NumpyFaceGenerator | TrainedFaceGenerator
     encoder: SpeechEncoder
+    fps: float
 
     @classmethod
     def load(cls, folder: Path, settings: EmbedSettings, encoder: SpeechEncoder) -> FaceAnimator:
@@ -69,10 +69,10 @@ class FaceAnimator:
         generator = load_face_model(folder, FaceBasis(head.name, expression_shape_names(head)))
         try:
             content = read_json(folder / "embedding.json", "JSON file")
-            own = validate_section("embed", EmbedSettings, content["settings"])
+            own, fps = validate_section("embed", EmbedSettings, content["settings"]), float(content["fps"])
         except (OSError, ValueError, KeyError) as error:
             raise InputError(f"{folder}: not a trained model ({error}); `make report` trains one") from None
-        return cls(generator, encoder if own == settings else make_encoder(own))
+        return cls(generator, encoder if own == settings else make_encoder(own), fps)
 
     def check(self, style: Sequence[StyleKey]) -> None:
         """Raises InputError (one line, with the choices) for a speaker who is not a training speaker."""
@@ -80,32 +80,25 @@ class FaceAnimator:
             self.generator.vocabulary.style_vector(key.style)
 
     def perform(
-        self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seed: int, samples: int, fps: float
+        self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seed: int, samples: int
     ) -> FaceSamples:
         """Sample faces at the model's rate; sample i of a seed does not depend on the number of samples."""
+        fps = self.fps
         piece, overlap = round(CHUNK_S * fps), round(OVERLAP_S * fps)
-        faces = self._chunk(embedding[:piece], style, (seed, samples, 0), fps)
+        faces = self._chunk(embedding[:piece], style, (seed, samples, 0))
         for number, start in enumerate(range(piece - overlap, len(embedding) - overlap, piece - overlap), start=1):
             later = [replace(key, onset_s=key.onset_s - start / fps) for key in style]
-            following = self._chunk(embedding[start : start + piece], later, (seed, samples, number), fps)
+            following = self._chunk(embedding[start : start + piece], later, (seed, samples, number))
             faces = crossfade(faces, following, start, overlap)
         return faces
 
     def _chunk(
-        self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seed_parts: tuple[int, int, int], fps: float
+        self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seed_parts: tuple[int, int, int]
     ) -> FaceSamples:
         """Sample one chunk; `seed_parts` are the seed, the number of samples and the number of the chunk."""
         seed, samples, number = seed_parts
         streams = [np.random.SeedSequence([seed, index, SEED_STREAM, number]) for index in range(samples)]
-        return self.generator.generate(embedding, style, [int(each.generate_state(1)[0]) for each in streams], fps)
-
-
-def find_face_model(model: Path) -> Path | None:
-    """The folder of the face model beside a model of head and gaze, if there is one."""
-    folder = (
-        model.absolute().parent / FACE_MODEL_FOLDER
-    )  # not resolved: runs of experiments show results of a store as links
-    return folder if folder.is_dir() and folder != model.absolute() else None
+        return self.generator.generate(embedding, style, [int(each.generate_state(1)[0]) for each in streams], self.fps)
 
 
 def crossfade(faces: FaceSamples, following: FaceSamples, start: int, overlap: int) -> FaceSamples:

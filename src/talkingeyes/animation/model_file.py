@@ -33,6 +33,7 @@ from talkingeyes.core.errors import InputError
 SCHEMA = "talkingeyes.model/1"
 METADATA_KEY = "talkingeyes"
 ALLOW_PLUGINS = "TALKINGEYES_ALLOW_PLUGINS"
+FACE_MODEL_FOLDER = "probtalk3d"
 WORKSPACE_MODEL = Path("data", "train", "talkingeyes_events")
 ASSETS = Path(__file__).parent / "assets"
 SUFFIX = ".safetensors"
@@ -63,7 +64,7 @@ def find_model(model: Path | str | None) -> Path:
 
 
 def is_packaged(model: Path) -> bool:
-    """Whether it is a file of this package; all of them have the face of PACKAGED_MODEL."""
+    """Whether it is a file of this package."""
     return model.resolve() in {each.resolve() for each in PACKAGED_MODELS.values()}
 
 
@@ -72,6 +73,28 @@ def model_title(model: Path) -> str:
     if model == PACKAGED_MODEL:
         return "the packaged model"
     return f"the packaged {model.stem}" if is_packaged(model) else str(model)
+
+
+def find_face_model(model: Path) -> Path | None:
+    """The folder of the face model beside the folder of a model of head and gaze, if there is one."""
+    # Not resolved: runs of experiments show results of a store as links.
+    folder = model.absolute().parent / FACE_MODEL_FOLDER
+    return folder if folder.is_dir() and folder != model.absolute() else None
+
+
+def face_source(model: Path) -> Path:
+    """Where the face of a model comes from: the folder beside it, its own packed file, else the packaged default."""
+    if model.is_dir():
+        return find_face_model(model) or PACKAGED_MODEL
+    return model if FACE_MODEL_FOLDER in read_packed_metadata(model).models[1:] else PACKAGED_MODEL
+
+
+def parts_title(model: Path) -> str:
+    """Which model each part of an animation is from, for users."""
+    face = face_source(model)
+    if face == model:
+        return f"head, gaze and face: {model_title(model)}"
+    return f"head and gaze: {model_title(model)}, face: {'packaged' if face == PACKAGED_MODEL else face}"
 
 
 @contextlib.contextmanager

@@ -169,19 +169,26 @@ def _animate_dialogue(
     voices = read_dialogue(sounds[0]) if len(sounds) == 1 else tuple(read_speech(path) for path in sounds)
     dialogues = run_dialogue(voices, out, options, model, force)
     first = dialogues[0].first.motion
-    typer.echo(f"{out}: {len(dialogues)} for two speakers, {first.seconds:.2f} s at {options.fps:g} fps")
+    typer.echo(
+        f"{out}: {len(dialogues)} for two speakers, {first.seconds:.2f} s at {options.fps:g} fps; {_used(model)}"
+    )
 
 
 def _animate_one(
     speech: Path | SynthesizedSpeech, out: Path, options: AnimationOptions, model: Path | None, force: bool
 ) -> None:
-    from talkingeyes.animation.model_file import find_model, model_title
     from talkingeyes.workflows.animate import run_animation
 
     performances = run_animation(speech, out, options, model, force)
     count = "1 motion" if options.samples == 1 else f"{options.samples} motions"
-    seconds, used = performances[0].motion.seconds, model_title(find_model(model))
-    typer.echo(f"{out}: {count} of {seconds:.2f} s at {options.fps:g} fps by {used}")
+    seconds = performances[0].motion.seconds
+    typer.echo(f"{out}: {count} of {seconds:.2f} s at {options.fps:g} fps; {_used(model)}")
+
+
+def _used(model: Path | None) -> str:
+    from talkingeyes.animation.model_file import find_model, parts_title
+
+    return parts_title(find_model(model))
 
 
 def _animate_all(
@@ -191,7 +198,8 @@ def _animate_all(
 
     lines = animate_all(sounds, out, options, model=model, jobs=jobs, force=force)
     counts = {status: sum(line.status == status for line in lines) for status in (DONE, SKIPPED, FAILED)}
-    typer.echo(f"{out}: {', '.join(f'{count} {status}' for status, count in counts.items() if count)}")
+    done = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
+    typer.echo(f"{out}: {done}; {_used(model)}")
     failed = [line for line in lines if line.status == FAILED]
     if failed:
         raise InputError(f"{len(failed)} of {len(lines)} failed ({out / 'summary.csv'}); the first: {failed[0].reason}")

@@ -32,6 +32,8 @@ def render(
         motion, out, head=head, model=model, camera=camera, sound=sound, size=size, eyes=eyes, keys=keys, force=force
     )
     typer.echo(f"{out}: {done.seconds:.2f} s at {done.fps:g} fps")
+    if done.parts_at_rest:
+        typer.echo(f"{out}: note: at rest in the motion: {', '.join(done.parts_at_rest)}", err=True)
 
 
 def render_head(

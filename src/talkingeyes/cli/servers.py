@@ -158,7 +158,7 @@ def serve(
     ] = None,
     live_model: Annotated[
         Path | None,
-        typer.Option(help="Model for live streams; default: talkingeyes_live beside --model, if it exists."),
+        typer.Option(help="Model for live streams; default: talkingeyes_live beside --model, else the packaged one."),
     ] = None,
     streams: Annotated[
         int, typer.Option(min=1, max=1000, help="Maximum number of concurrent streams; more are refused.")
@@ -177,8 +177,11 @@ def serve(
     """Live preview: speak into the microphone and watch the avatar; a service for files and streams (docs/live.md)."""
     from dataclasses import replace
 
-    from talkingeyes.workflows.serve import LIMITS, run_service
+    from talkingeyes.animation.model_file import find_model, model_title, parts_title
+    from talkingeyes.workflows.serve import LIMITS, find_live_model, run_service
 
+    files_model = find_model(model)
+    used = f"{parts_title(files_model)}, streams: {model_title(find_live_model(files_model, live_model))}"
     limits = replace(
         LIMITS, streams=streams, files=files, max_speech_s=max_seconds, max_upload_bytes=max_megabytes << 20
     )
@@ -190,5 +193,5 @@ def serve(
         limits=limits,
         jobs=jobs,
         stream_origins=origin or (),
-        on_start=lambda address: typer.echo(f"{address} is ready; press Ctrl-C to stop"),
+        on_start=lambda address: typer.echo(f"{address} is ready ({used}); press Ctrl-C to stop"),
     )

@@ -78,6 +78,12 @@ class Motion:
     def seconds(self) -> float:
         return len(self) / self.fps
 
+    @property
+    def parts_at_rest(self) -> tuple[str, ...]:
+        """The parts without any value but 0, as of a file that lacks them: of head, gaze, lids, face."""
+        parts = {"head": (self.head,), "gaze": (self.gaze,), "lids": (self.lid,), "face": (self.jaw, self.expression)}
+        return tuple(name for name, arrays in parts.items() if not any(array.any() for array in arrays))
+
     @classmethod
     def of(
         cls,

@@ -23,7 +23,7 @@ from numpy import ndarray
 
 from talkingeyes.animation.controls import Controls
 from talkingeyes.animation.line_of_sight import check_forward_axis, to_forward_axes
-from talkingeyes.animation.model_file import PACKAGED_MODEL, find_model, is_packaged
+from talkingeyes.animation.model_file import face_source, find_model
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core import output_folder
 from talkingeyes.core.atomic_file import writing
@@ -250,16 +250,10 @@ def _digest_of(value: object) -> object:
 
 
 def _model_digest(model: Path) -> str:
-    """Digest of a packed file (with the one that a packaged file has its face from), or of the files of a model folder
-    and of the face model beside it."""
-    from talkingeyes.animation.face import find_face_model
-
-    if model.is_file():
-        files = [model, PACKAGED_MODEL] if is_packaged(model) and model.name != PACKAGED_MODEL.name else [model]
-        return hashlib.sha256(b"".join(each.read_bytes() for each in files)).hexdigest()
+    """Digest of the files of a model and of its face: packed files, or all files of their folders."""
     digest = hashlib.sha256()
-    for folder in filter(None, (model, find_face_model(model))):
-        for path in sorted(each for each in folder.iterdir() if each.is_file()):
+    for source in dict.fromkeys((model, face_source(model))):
+        for path in [source] if source.is_file() else sorted(each for each in source.iterdir() if each.is_file()):
             digest.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
 

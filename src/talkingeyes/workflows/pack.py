@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
-from talkingeyes.animation.face import find_face_model
-from talkingeyes.animation.model_file import METADATA_KEY, SCHEMA, SUFFIX, encoder_identity
+from talkingeyes.animation.model_file import METADATA_KEY, SCHEMA, SUFFIX, encoder_identity, find_face_model
 from talkingeyes.core.atomic_file import atomic_write, writing
 from talkingeyes.core.containers import parse_json
 from talkingeyes.core.errors import InputError

@@ -16,7 +16,7 @@ from typing import Any
 import soundfile
 
 from talkingeyes.animation.line_of_sight import to_forward_axes
-from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL, find_model, is_packaged
+from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL, find_model
 from talkingeyes.apps.service.animation_request import AnimationRequest, EyesRequest, Limits
 from talkingeyes.apps.viewer.local_server import LOCALHOST, serve
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
@@ -27,12 +27,12 @@ LIVE_MODEL_NAME = "talkingeyes_live"
 PORT = 8030
 LIMITS = Limits(
     streams=10,
-    max_stream_s=900,
+    max_stream_s=900.0,
     files=1,
-    max_speech_s=60,
+    max_speech_s=60.0,
     max_upload_bytes=32 << 20,
-    work_timeout_s=120,
-    idle_timeout_s=10,
+    work_timeout_s=120.0,
+    idle_timeout_s=10.0,
     max_results=40,
 )
 
@@ -50,9 +50,9 @@ def run_service(
 ) -> None:
     """Serve until interrupted; `on_start` is called with the URL.
 
-    `live` is the model for streams; by default the one beside `model`, if it exists. `jobs` is the number of processes
-    for streams. Pages of `stream_origins` may open streams. Raises InputError (one line) for an invalid model, port or
-    origin.
+    `live` is the model for streams; by default the one beside `model`, else the packaged one. `jobs` is the number of
+    processes for streams. Pages of `stream_origins` may open streams. Raises InputError (one line) for an invalid
+    model, port or origin.
     """
     from talkingeyes.animation.animator import Animator
     from talkingeyes.animation.streaming import LiveModel
@@ -63,32 +63,35 @@ def run_service(
     from talkingeyes.models.face.style import EMOTIONS
 
     for_files = find_model(model)
-    streamed = Path(live) if live is not None else _default_live_model(for_files)
+    streamed = find_live_model(for_files, live)
     animator = Animator.load(for_files)
-    emotions = EMOTIONS if animator.face else ()
-    stream_workers = None
-    if streamed is not None:
-        LiveModel.load(streamed)
-        stream_workers = WorkerPool(
-            "talkingeyes.apps.service.stream_worker:stream_worker", [str(streamed.resolve())], jobs, 0
-        )
-    file_workers = WorkerPool(
-        "talkingeyes.workflows.serve:file_workers", [str(for_files.resolve())], limits.files, 2 * limits.files
-    )
+    LiveModel.load(streamed)
     formats = {name: each.suffix for name, each in convert.FORMATS.items()}
     signal.signal(signal.SIGTERM, _interrupted)
     with tempfile.TemporaryDirectory(prefix="talkingeyes-") as folder:
+        results, temporary = Path(folder, "results"), Path(folder, "temporary")
+        results.mkdir()
+        temporary.mkdir()
+        of_streams = ("talkingeyes.apps.service.stream_worker:stream_worker", [str(streamed.absolute())])
+        of_files = ("talkingeyes.workflows.serve:file_workers", [str(for_files.absolute())])
         resources = ServiceResources(
-            file_workers, stream_workers, head_glb(anny_head()), animator.persons, emotions, formats
+            WorkerPool(*of_files, limits.files, 2 * limits.files, temporary),
+            WorkerPool(*of_streams, jobs, 0, temporary),
+            head_glb(anny_head()),
+            animator.persons,
+            EMOTIONS,
+            formats,
         )
-        app = service_app(resources, limits, Path(folder), host, stream_origins)
+        app = service_app(resources, limits, results, host, stream_origins)
         serve(app, host, port, on_start)
 
 
-def _default_live_model(model: Path) -> Path | None:
-    """The live model beside a model, if there is one."""
-    beside = PACKAGED_LIVE_MODEL if is_packaged(model) else model.parent / LIVE_MODEL_NAME
-    return beside if beside.exists() else None
+def find_live_model(model: Path, live: Path | str | None) -> Path:
+    """The given model for streams, else the one beside the model for files, else the packaged one."""
+    if live is not None:
+        return Path(live)
+    beside = model.parent / LIVE_MODEL_NAME
+    return beside if beside.is_dir() else PACKAGED_LIVE_MODEL
 
 
 def _interrupted(*_: Any) -> None:

@@ -99,11 +99,15 @@ def _scene_on_head(
     """The scene with its motions on a head, and the head."""
     target_head = load_head(head, model)
     scene = build_scene(motions, truth=truth, sound=sound, words=words, corpus=corpus)
-    viewer_motions = tuple(
-        replace(viewer_motion, motion=to_forward_axes(retarget_to_head(viewer_motion.motion, target_head, model)))
-        for viewer_motion in scene.viewer_motions
-    )
+    viewer_motions = tuple(_shown_on(each, target_head, model) for each in scene.viewer_motions)
     return replace(scene, viewer_motions=viewer_motions), target_head
+
+
+def _shown_on(viewer_motion: ViewerMotion, head: HeadModel, model: Path | str | None) -> ViewerMotion:
+    """The motion on a head, with the parts that it lacks in its title."""
+    motion, resting = viewer_motion.motion, viewer_motion.motion.parts_at_rest
+    title = f"{viewer_motion.name} ({', '.join(resting)} at rest)" if resting else viewer_motion.name
+    return replace(viewer_motion, name=title, motion=to_forward_axes(retarget_to_head(motion, head, model)))
 
 
 def build_scene(

@@ -36,9 +36,8 @@ class ServiceReply(BaseModel):
     """What a service offers."""
 
     formats: list[str] = Field(description="export formats")
-    live: bool = Field(description="whether there are live streams")
     persons: list[str] = Field(description="training speakers of the model")
-    emotions: list[str] = Field(description="empty if the model has no face")
+    emotions: list[str] = Field(description="of the face")
     max_seconds: float = Field(description="of a sound")
     max_megabytes: float = Field(description="of a file")
 

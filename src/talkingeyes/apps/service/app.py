@@ -65,13 +65,13 @@ VIEWER_ASSETS = ("stage.js", "style.css", "three.js")
 
 @dataclass(frozen=True)
 class ServiceResources:
-    """Resources of the service: workers for files and for streams (None: no streams), the head, export formats."""
+    """Resources of the service: workers for files and for streams, the head, export formats."""
 
     file_workers: WorkerPool
-    stream_workers: WorkerPool | None
+    stream_workers: WorkerPool
     head: bytes
     persons: Sequence[str]  # speakers of the model for files
-    emotions: Sequence[str]  # of the model of the face; empty if there is none
+    emotions: Sequence[str]
     formats: Mapping[str, str]  # export formats and their file suffixes
 
 
@@ -84,7 +84,7 @@ def service_app(
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        processes = [workers for workers in (resources.file_workers, resources.stream_workers) if workers]
+        processes = (resources.file_workers, resources.stream_workers)
         warming = [asyncio.create_task(workers.warm_up()) for workers in processes]
         yield
         for task, workers in zip(warming, processes, strict=True):
@@ -211,7 +211,6 @@ def _pages(app: FastAPI, resources: ServiceResources, limits: Limits) -> None:
     async def about() -> ServiceReply:
         return ServiceReply(
             formats=list(resources.formats),
-            live=resources.stream_workers is not None,
             persons=list(resources.persons),
             emotions=list(resources.emotions),
             max_seconds=limits.max_speech_s,

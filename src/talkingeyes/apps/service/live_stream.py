@@ -42,7 +42,7 @@ class StreamRefusedError(Exception):
 class StreamServer:
     """All streams of the service."""
 
-    def __init__(self, workers: WorkerPool | None, limits: Limits) -> None:
+    def __init__(self, workers: WorkerPool, limits: Limits) -> None:
         self._workers, self._limits = workers, limits
         self.running = 0
 
@@ -50,10 +50,6 @@ class StreamServer:
         """Serve one stream from its request to its end."""
         await socket.accept()
         try:
-            if self._workers is None:
-                raise StreamRefusedError(
-                    POLICY, "live model: should be loaded for streams, got none; start with `serve --live-model`"
-                )
             if self.running >= self._limits.streams:
                 raise StreamRefusedError(
                     TRY_AGAIN_LATER, f"{self.running} streams are running, which is the maximum; try again later"

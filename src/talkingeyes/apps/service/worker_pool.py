@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import pickle
 import sys
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 from talkingeyes.apps.service.worker_process import DONE, INPUT_ERROR, LENGTH_PREFIX, pack_message
@@ -29,9 +31,10 @@ class WorkerFailedError(Exception):
 
 
 class Worker:
-    """One process, started on first use."""
+    """One process, started on first use; its temporary files are in `temporary`, since it may be killed any time."""
 
-    def __init__(self, factory: str, arguments: Sequence[str]) -> None:
+    def __init__(self, factory: str, arguments: Sequence[str], temporary: Path) -> None:
+        self._environment = {**os.environ, "TMPDIR": str(temporary)}
         self._command = [sys.executable, "-m", "talkingeyes.apps.service.worker_process", factory, *arguments]
         self._process: asyncio.subprocess.Process | None = None
         self._lock = asyncio.Lock()
@@ -73,7 +76,9 @@ class Worker:
         process = self._process
         if process is None:
             pipe = asyncio.subprocess.PIPE
-            process = await asyncio.create_subprocess_exec(*self._command, stdin=pipe, stdout=pipe)
+            process = await asyncio.create_subprocess_exec(
+                *self._command, stdin=pipe, stdout=pipe, env=self._environment
+            )
             self._process = process
         assert process.stdin is not None
         assert process.stdout is not None
@@ -87,8 +92,8 @@ class Worker:
 class WorkerPool:
     """Several workers: any of them may process a single request; a stream keeps one worker."""
 
-    def __init__(self, factory: str, arguments: Sequence[str], count: int, waiting: int) -> None:
-        self._all = [Worker(factory, arguments) for _ in range(count)]
+    def __init__(self, factory: str, arguments: Sequence[str], count: int, waiting: int, temporary: Path) -> None:
+        self._all = [Worker(factory, arguments, temporary) for _ in range(count)]
         self._free = asyncio.Semaphore(count)
         self._capacity = count + waiting
 

@@ -23,18 +23,16 @@ async function open() {
   stage = await Stage.open($("head"), "head.glb", [$("head")]);
   const form = $("request");
   form.person.append(...about.persons.map((name) => new Option(name)));
-  $("feeling").hidden = !about.emotions.length;
   $("who").hidden = !about.persons.length;
   $("limit").textContent = `At most ${about.max_seconds} s and ${about.max_megabytes} MB.`;
-  $("record").disabled = !about.live;
-  $("record").title = about.live ? "" : "no streaming model is loaded";
+  $("record").disabled = false;
   $("record").onclick = () => (recording ? recording.stop() : record().catch(failed));
   $("emotions").append(...about.emotions.map((name) => choice("emotion", name, name)));
   addSamples();
   wireControls(form);
   wireFiles();
   numbers();
-  say("ready", about.live ? "choose a recording, or record" : "choose a recording");
+  say("ready", "choose a recording, or record");
   requestAnimationFrame(draw);
 }
 
@@ -119,7 +117,7 @@ function numbers() {
 
 function requested() {
   const form = $("request");
-  const emotion = form.emotion?.value ?? "neutral"; // without a face there is no choice
+  const emotion = form.emotion.value;
   const asks = {
     seed: Number(form.seed.value),
     blinks: form.blinks.value,
@@ -256,7 +254,8 @@ async function record() {
 }
 
 function begun({ latency_s }) {
-  say("live", `live: latency ${Math.round(1000 * (latency_s + SMOOTH_S))} ms`);
+  const latency_ms = Math.round(1000 * (latency_s + SMOOTH_S));
+  say("live", `live: latency ${latency_ms} ms; mouth and face follow when you stop`);
 }
 
 // Level in dB of full scale, and the last ten seconds of the waveform.
