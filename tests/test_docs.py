@@ -37,7 +37,7 @@ MANUAL = [page for page in PAGES if not name_of(page).startswith(RECORDS)]
 # free-running statistics, GPU, unconditional, ...).
 OWN_WORDS = re.compile(
     r"\b(?:told|tellers?|wish|shelf|drawn back|rivals?|contest|heard|hears|hearing|deaf|aliveness|liveness|lawful"
-    r"|by (?:its|their) laws?|nobody|whom|mishaps?|strokes? of the head|yardsticks?|studio|taken along"
+    r"|by (?:its|their) laws?|nobody|whom|mishaps?|strokes? of the head|yardsticks?|(?<!VTube )studio|taken along"
     r"|(?:a|the|graphics) cards?|on cards)\b(?! of)",
     re.IGNORECASE,
 )
@@ -225,6 +225,7 @@ def test_docstrings_use_the_words_of_the_field_and_whole_decimals() -> None:
 def test_own_words_are_detected() -> None:
     text = "It is told who moves, on a card, drawn back by its rival; nobody hears it. Its liveness is lawful."
     assert own_words(text) == ["told", "a card", "drawn back", "rival", "nobody", "hears", "liveness", "lawful"]
+    assert own_words("VTube Studio, a studio") == ["studio"]
     plain = "The model card, `rival`, [a page](log/gaze-drawn-back.md), a prior, drawn by a script, people listening"
     assert own_words(plain) == []
     assert docstrings(Path(__file__))[0].startswith("Pages of the docs")

@@ -37,6 +37,7 @@ ELSEWHERE = {
     "python -m pipelines.own_person data/me": "a video of one person (a synthetic person: test_own_person.py)",
     "talkingeyes animate speech.wav --model build/own_person/data/train/own_person -o build/me": "the same",
     "python -m benchmarks.gaze_datasets DIR": "recordings that are not part of the project (test_gaze_datasets.py)",
+    "python docs/recipes/vtube_studio_stream.py take/sample_00.npz": "VTube Studio",
     "python local_viewer.py --point_path AVATAR/point_cloud.ply --motion_path motion.npz": "GaussianAvatars",
 }
 OF_ITS_OWN = {"docs/extend.md": "test_extend.py"}  # its commands need files that the reader writes
@@ -69,7 +70,7 @@ def test_tutorial_writes_the_stated_files(project: Path) -> None:
 def test_commands_that_are_not_run_are_in_the_docs_and_listed() -> None:
     found = {line for page in RUN for line in lines(page)}
     assert ELSEWHERE.keys() <= found
-    assert len(ELSEWHERE) == 16
+    assert len(ELSEWHERE) == 17
     assert set(OF_ITS_OWN) <= {name_of(page) for page in PAGES}
     assert sum(len(lines(page)) for page in RUN) >= 50
 

@@ -30,9 +30,11 @@ import soundfile
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from live_model import write_live_model
+from osc_packets import osc_bundle, osc_message
 from scipy.spatial.transform import Rotation
 from test_live_nods import phrases
 from test_streaming import speech
+from vtube_studio import vtube_studio
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
@@ -171,37 +173,9 @@ def live_link_frame(packet: bytes, index: int, frame: dict[str, Any]) -> None:
     np.testing.assert_allclose(values[52:], (turned.as_euler("YXZ") * signs).ravel(), atol=1e-5)
 
 
-def osc_messages(packet: bytes) -> list[tuple[str, list[Any]]]:
-    """Address and values of each message of an OSC bundle (opensoundcontrol.org, OSC 1.0)."""
-
-    def string(data: bytes, at: int) -> tuple[str, int]:
-        end = data.index(b"\0", at)
-        return data[at:end].decode("ascii"), (end // 4 + 1) * 4
-
-    assert packet[:8] == b"#bundle\0" and packet[8:16] == bytes(7) + b"\1"
-    found, at = [], 16
-    while at < len(packet):
-        size = int.from_bytes(packet[at : at + 4], "big")
-        data, at = packet[at + 4 : at + 4 + size], at + 4 + size
-        assert size % 4 == 0
-        address, here = string(data, 0)
-        tags, here = string(data, here)
-        values: list[Any] = []
-        for tag in tags[1:]:
-            if tag == "s":
-                value, here = string(data, here)
-                values.append(value)
-            else:
-                values.append(struct.unpack_from(f">{tag}", data, here)[0])
-                here += 4
-        assert tags[0] == "," and here == size
-        found.append((address, values))
-    return found
-
-
 def vmc_frame(packet: bytes, index: int, frame: dict[str, Any]) -> None:
     """Check a bundle of the Virtual Motion Capture protocol."""
-    messages = osc_messages(packet)
+    messages = osc_bundle(packet)
     assert messages[0] == ("/VMC/Ext/OK", [1])
     assert [address for address, _ in messages[-2:]] == ["/VMC/Ext/Blend/Apply", "/VMC/Ext/T"]
     assert messages[-1][1] == [pytest.approx(index / 25)]
@@ -215,6 +189,19 @@ def vmc_frame(packet: bytes, index: int, frame: dict[str, Any]) -> None:
     assert weights.pop("Blink_L") == pytest.approx(frame["blendshapes"]["eyeBlinkLeft"], abs=1e-6)
     assert weights.pop("Blink_R") == pytest.approx(frame["blendshapes"]["eyeBlinkRight"], abs=1e-6)
     assert weights == pytest.approx(frame["blendshapes"], abs=1e-6)
+
+
+def vrchat_frame(gaze: bytes, lids: bytes, _: int, frame: dict[str, Any]) -> None:
+    """Check the messages of VRChat: degrees down and to the right of each eye, and how far both are shut."""
+    axes = np.array([Rotation.from_quat(frame[name]).apply([0, 0, 1]) for name in ("left_eye", "right_eye")])
+    pitch_yaw = np.degrees([-np.arcsin(axes[:, 1]), -np.arctan2(axes[:, 0], axes[:, 2])]).T
+    (gaze_address, looks), (lids_address, shut) = osc_message(gaze), osc_message(lids)
+    assert (gaze_address, lids_address) == ("/tracking/eye/LeftRightPitchYaw", "/tracking/eye/EyesClosedAmount")
+    np.testing.assert_allclose(looks, pitch_yaw.ravel(), atol=2e-3)
+    assert shut == [pytest.approx(np.mean([frame["blendshapes"][f"eyeBlink{side}"] for side in ("Left", "Right")]))]
+
+
+SENDERS = {"live_link_stream": (live_link_frame, 1), "vmc_stream": (vmc_frame, 1), "vrchat_stream": (vrchat_frame, 2)}
 
 
 def missed_deg(frame: dict[str, Any], target_m: np.ndarray) -> float:
@@ -458,7 +445,7 @@ class TestStreams:
         else:
             assert len((tmp_path / "a.poses.csv").read_text().splitlines()) == int(SECONDS * 25)
 
-    @pytest.mark.parametrize("sender", ["live_link_stream", "vmc_stream"])
+    @pytest.mark.parametrize("sender", SENDERS)
     def test_senders_of_the_recipes_pass_every_frame_on(
         self, service: Service, repository: Path, tmp_path: Path, sender: str
     ) -> None:
@@ -476,11 +463,31 @@ class TestStreams:
             asked = '{"seed": 3, "eye_contact": 1, "head_liveliness": 2}'  # the changes repeat it
             command = [sys.executable, str(repository / f"docs/recipes/{sender}.py"), "a.wav", *options]
             process = subprocess.Popen([*command, "--request", asked], cwd=tmp_path)
-            packets = [receiver.recv(4096) for _ in frames]
+            check, each = SENDERS[sender]
+            packets = [[receiver.recv(4096) for _ in range(each)] for _ in frames]
             assert process.wait(120) == 0
-        decode = live_link_frame if sender == "live_link_stream" else vmc_frame
-        for index, (packet, frame) in enumerate(zip(packets, frames, strict=True)):
-            decode(packet, index, frame)
+        for index, (sent, frame) in enumerate(zip(packets, frames, strict=True)):
+            check(*sent, index, frame)
+
+    def test_vtube_studio_follows_the_stream(self, service: Service, repository: Path, tmp_path: Path) -> None:
+        sound, url = speech(SECONDS), f"{service.address.replace('http', 'ws')}stream"
+        soundfile.write(tmp_path / "a.wav", np.frombuffer(pcm(sound), "<i2"), SAMPLE_RATE)
+        with service.stream() as connection:
+            connection.send('{"seed": 3, "format": "json"}')
+            _, frames = json_stream(connection, sound)
+        with vtube_studio() as studio:
+            options = ("--to", studio.address, "--stream", url, "--request", '{"seed": 3}', "--token", "token")
+            command = [sys.executable, str(repository / "docs/recipes/vtube_studio_stream.py"), "a.wav", *options]
+            subprocess.run(command, cwd=tmp_path, check=True, timeout=120)
+        names = ("FaceAngleX", "FaceAngleY", "TalkingEyesLookX", "TalkingEyesLookY", "EyeOpenRight")
+        found = [tuple(round(values[name], 3) for name in names) for values in studio.injected]
+        wanted = []
+        for frame in frames:
+            yaw, pitch, _ = Rotation.from_quat(frame["head"]).as_euler("YXZ", degrees=True)
+            looks = np.clip(frame["look_deg"], -37, 37) / 37
+            wanted.append(np.round([yaw, -pitch, *looks, 1 - frame["blendshapes"]["eyeBlinkRight"]], 3))
+        once = [next(same) for _, same in itertools.groupby(found)]  # a frame that had to wait is sent again
+        np.testing.assert_allclose(once, [next(same) for _, same in itertools.groupby(map(tuple, wanted))], atol=2e-3)
 
     def test_a_sender_stops_with_the_reason_of_the_service(
         self, service: Service, repository: Path, tmp_path: Path
@@ -491,8 +498,9 @@ class TestStreams:
         ended = subprocess.run(
             [*command, "--request", '{"target": "sun"}'], cwd=tmp_path, capture_output=True, text=True, check=False
         )
-        assert ended.returncode == 1
-        assert "RuntimeError: request.target: should be camera, listener, [x, y, z]" in ended.stderr.splitlines()[-1]
+        assert ended.returncode == 2
+        assert ended.stderr.startswith("request.target: should be camera, listener, [x, y, z]")
+        assert ended.stderr.count("\n") == 1
 
     def test_concurrent_streams_are_separate_and_limited(self, service: Service) -> None:
         with contextlib.ExitStack() as stack:

@@ -1,4 +1,4 @@
-"""Frames of a live stream of `talkingeyes serve`, for senders to other programs (live_link_stream.py, vmc_stream.py).
+"""Frames of a live stream of `talkingeyes serve`, for senders to other programs (sender.py).
 
     for frame in live_frames(chunks("SPEECH.wav"), "ws://127.0.0.1:8030/stream", {"seed": 1}):
         frame["head"], frame["left_eye"], frame["blendshapes"]["eyeBlinkLeft"]
@@ -8,7 +8,6 @@ microphone: `arecord -q -t raw -f S16_LE -r 16000 -c 1 | python SENDER.py -`. Ea
 changes is sent: `echo '{"target": [0.3, 0, 1]}' >> FILE`. Needs websockets; soundfile for files.
 """
 
-import argparse
 import json
 import sys
 import time
@@ -16,10 +15,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from stream_client import connect_when_ready
+from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection
 
 RATE, CHUNK = 16_000, 640  # samples: 40 ms
-URL = "ws://127.0.0.1:8030/stream"
 
 
 def chunks(speech: str) -> Iterator[bytes]:
@@ -40,35 +39,29 @@ def chunks(speech: str) -> Iterator[bytes]:
 
 
 def live_frames(sound: Iterator[bytes], url: str, request: dict, changes: Path | None = None) -> Iterator[dict]:
-    """Frames (docs/live.md) as they come. Raises RuntimeError with the reason of the service."""
+    """Frames (docs/live.md) as they come, with their `fps`. Raises RuntimeError with the reason of the service."""
+    try:
+        with connect_when_ready(url) as socket:
+            socket.send(json.dumps({**request, "format": "json"}))
+            fps = _content(socket.recv())["fps"]
+            for frame in _received_while_sending(socket, sound, changes):
+                yield {**frame, "fps": fps}
+    except (ConnectionError, WebSocketException) as error:
+        raise RuntimeError(f"{url}: {error}") from None
+
+
+def _received_while_sending(socket: ClientConnection, sound: Iterator[bytes], changes: Path | None) -> Iterator[dict]:
     sent = 0
-    with connect_when_ready(url) as socket:
-        socket.send(json.dumps({**request, "format": "json"}))
-        _content(socket.recv())
-        for chunk in sound:
-            lines = changes.read_text().splitlines() if changes and changes.exists() else []
-            for line in lines[sent:]:
-                socket.send(json.dumps({"set": json.loads(line)}))
-            sent = max(sent, len(lines))
-            socket.send(chunk)
-            yield from _received(socket, timeout=0)
-        socket.send(json.dumps({"end": True}))
-        while True:
-            content = _content(socket.recv())
-            if "end" in content:
-                return
-            yield from content.get("frames", ())
-
-
-def arguments(description: str, to: str) -> argparse.Namespace:
-    """Options of a sender."""
-    parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("speech", help="16 kHz mono; - for PCM on the standard input")
-    parser.add_argument("--to", default=to)
-    parser.add_argument("--stream", default=URL)
-    parser.add_argument("--request", type=json.loads, default={}, help='such as {"seed": 1, "eye_contact": 0.8}')
-    parser.add_argument("--changes", type=Path, help="a file; each line that is added is a change")
-    return parser.parse_args()
+    for chunk in sound:
+        lines = changes.read_text().splitlines() if changes and changes.exists() else []
+        for line in lines[sent:]:
+            socket.send(json.dumps({"set": json.loads(line)}))
+        sent = max(sent, len(lines))
+        socket.send(chunk)
+        yield from _received(socket, timeout=0)
+    socket.send(json.dumps({"end": True}))
+    while "end" not in (content := _content(socket.recv())):
+        yield from content.get("frames", ())
 
 
 def _received(socket: ClientConnection, timeout: float) -> Iterator[dict]:
