@@ -20,13 +20,11 @@ from pipelines import (
     posegan_table,
     reference_ranges,
     reference_ranges_model,
-    second_world,
     tables,
 )
 from pipelines.face_rows import read_rows
 from pipelines.result_tables import ResultTable, as_csv, read_tables
 from talkingeyes.animation.model_file import PACKAGED_MODELS
-from talkingeyes.evaluation.benchmark.rank_agreement import RankAgreement
 from talkingeyes.evaluation.reference_ranges.page import PLOT_CAPTIONS, RECORDING_TITLES, label, range_text
 from talkingeyes.evaluation.reference_ranges.ranges import REFERENCE_RANGES
 from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS
@@ -88,11 +86,6 @@ def test_page_of_combinations(monkeypatch: Any) -> None:
     loop = {"loop": {"steps": 200, "batch": 8}}
     params = {"model": dict.fromkeys(found["rows"], loop), "validate": {"bootstrap": {"confidence_level": 0.95}}}
     assert text == combinations.page(found["rows"], params, " seeds=0,1,2", found["seeds"])
-
-
-def test_page_of_the_second_world() -> None:
-    found = {name: [RankAgreement(**row) for row in rows] for name, rows in numbers("second_world").items()}
-    assert page("second_world") == second_world.page(found)
 
 
 def test_page_of_the_papers_tables() -> None:

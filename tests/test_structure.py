@@ -58,7 +58,6 @@ NO_STAGE = {
     "release_report",
     "report_films",
     "result_store",
-    "second_world",
     "result_tables",
     "study",
     "summary",
