@@ -11,6 +11,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from talkingeyes.models.layers.conditional_vae import DiagonalGaussian
+from talkingeyes.models.layers.elementwise import ElementwiseQuantiser, ElementwiseQuantiserSettings
 from talkingeyes.models.layers.finite_scalar import FiniteScalarQuantiser, FiniteScalarQuantiserSettings
 from talkingeyes.models.layers.gradient_quantiser import GradientQuantiser, GradientQuantiserSettings
 from talkingeyes.models.layers.kl import AnnealingSettings, annealing_weight, free_bits_kl
@@ -52,6 +53,23 @@ def test_a_codebook_by_gradient_approaches_its_latents_alone() -> None:
     assert quantiser.codebook.grad is None
     assert (latents.grad[0] != 0).all()
     assert (latents.grad[1] == 0).all()
+
+
+@pytest.mark.parametrize("kind", ["codebook", "gradient_codebook"])
+def test_factors_of_a_latent_share_a_codebook(kind: str) -> None:
+    """Element-wise quantisation: each factor is replaced by its own nearest code; masked latents do not count."""
+    torch.manual_seed(0)
+    codebook = {"kind": kind, "codes": 5, "width": 3, "commitment": 0.25}
+    more = {"decay": 0.9, "restart_below": 0.0} if kind == "codebook" else {}
+    settings = {"kind": "elementwise", "factors": 2, "codebook": codebook | more}
+    quantiser = ElementwiseQuantiser(ElementwiseQuantiserSettings.model_validate(settings)).eval()
+    latents, used = torch.randn(2, 4, 6), torch.tensor([[True] * 4, [False] * 4])
+    found = quantiser(latents, used)
+    distances = torch.cdist(latents.reshape(-1, 3), quantiser.codebook).square()
+    assert torch.equal(found.indices, distances.argmin(-1).reshape(2, 4, 2))
+    torch.testing.assert_close(found.codes, quantiser.codebook[found.indices].flatten(2))
+    torch.testing.assert_close(found.commitment, (latents[0] - found.codes[0]).square().mean())
+    torch.testing.assert_close(quantiser.distances(latents).reshape(-1, 5), distances, atol=1e-4, rtol=1e-4)
 
 
 @hypothesis_settings(max_examples=25, deadline=None)

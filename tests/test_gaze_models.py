@@ -18,6 +18,7 @@ from talkingeyes.models.gaze.history import NoisyTeacherForcing
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.layers.categorical_sampling import sample_categorical
 from talkingeyes.models.layers.schedules import set_trained_steps
+from talkingeyes.models.layers.transformer import shift_right
 from talkingeyes.models.speech_to_motion import MotionBatch, SpeechInput, SpeechToMotion, SpeechToMotionSettings
 
 TRANSFORMER = {"width": 16, "layers": 2, "heads": 2, "dropout": 0.0, "lookback": 20}
@@ -59,7 +60,13 @@ GAZE: dict[str, dict[str, Any]] = {
             "history_noise": 0.0,
         },
     },
-    "regression": {"transformer": TRANSFORMER, "condition_lookback": 3, "condition_lookahead": 3, "history": CLEAN},
+    "regression": {
+        "transformer": TRANSFORMER,
+        "condition_lookback": 3,
+        "condition_lookahead": 3,
+        "history": CLEAN,
+        "regularity": "nearest_codes",
+    },
     "vae": VAE,
 }
 
@@ -74,6 +81,7 @@ RESIDUAL = {
     "restart_below": 0.1,
 }
 CODEBOOK = {"kind": "codebook", "codes": 32, "width": 8, "commitment": 0.25, "decay": 0.9, "restart_below": 0.1}
+ELEMENTWISE = {"kind": "elementwise", "factors": 2, "codebook": CODEBOOK | {"width": 4}}
 
 
 @dataclass(frozen=True)
@@ -107,6 +115,9 @@ MEMBERS = {
             "condition_lookahead": None,
         },
     ),
+    "regression_predicted": Member("regression", {"history": {"kind": "predicted"}}),
+    "regression_true_codes": Member("regression", {"regularity": "true_codes"}),
+    "regression_elementwise": Member("regression", quantiser=ELEMENTWISE),
     "regression_fsq": Member("regression", quantiser=FSQ),
     "regression_residual": Member("regression", quantiser=RESIDUAL),
     "vae_annealed": Member("vae", {"kl": {"annealing": {"shape": "linear", "steps": 10}, "free_bits": 0.0}}),
@@ -124,6 +135,7 @@ def codebook(patch: int, tolerance: float | None, quantiser: dict[str, Any] = CO
                 "frames_per_code": patch,
                 "stay_tolerance_deg": tolerance,
                 "norm": "standardised_mean",
+                "standardised": True,
                 "quantiser": quantiser,
                 "encoder": TRANSFORMER,
                 "decoder": TRANSFORMER,
@@ -154,7 +166,7 @@ def model(
             parts=("head", "gaze"),
             tokenizer=None,
             speech={"channels": channels, "width": 12, "layers": 2, "dropout": 0.0, "channel_dropout": 0.0},
-            head=VAE | {"kind": "vae", "norm": "standardised_mean", "latent_frames": head_frames},
+            head=VAE | {"kind": "vae", "norm": "standardised_mean", "standardised": True, "latent_frames": head_frames},
             gaze={"kind": member.kind, **GAZE[member.kind], **member.changes, **(gaze or {})},
             conditions=(),
             head_mix=head_mix,
@@ -372,6 +384,28 @@ def test_free_running_training_equals_generation() -> None:
     free = network.gaze.train().loss_terms(condition, made)
     assert free["gaze_reconstruction"] < 1e-9
     assert network.gaze.loss_terms(condition, data.gaze)["gaze_reconstruction"] > 1e-3
+
+
+def test_the_predicted_past_is_that_of_generation_without_its_gradient() -> None:
+    """Where the truth is what the network generates, the parallel pass on the predicted past gives it again."""
+    network = model("regression_predicted")
+    data = batch(2, 40)
+    condition = GazeCondition(network.speech(data.speech), data.head, network.head.normal(data.head))
+    made = network.gaze.sample(condition, [1, 2], 0.0)
+    assert network.gaze.train().loss_terms(condition, made)["gaze_reconstruction"] < 1e-9
+
+
+def test_regularity_of_true_codes_is_a_distance_to_the_tokens_of_the_truth() -> None:
+    """Eq. 14 with the codes of the true motion: 0 for features that are those codes."""
+    gaze = model("regression_true_codes").gaze
+    data = batch(2, 40)
+    signal = data.gaze.flatten(2)
+    codes = gaze.codebook.quantiser(gaze.codebook.encode(signal)).codes
+    assert torch.equal(gaze._codes(signal), codes)
+    condition = GazeCondition(torch.randn(2, 40, 12), data.head, data.head)
+    terms = gaze.loss_terms(condition, data.gaze)
+    features = gaze.out(gaze.transformer(gaze.embed(shift_right(gaze._normal(signal))), gaze._memory(condition)))
+    torch.testing.assert_close(terms["gaze_regularity"], (features - codes).square().mean())
 
 
 def test_gradient_is_truncated_to_requested_frames() -> None:

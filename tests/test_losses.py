@@ -1,6 +1,8 @@
-"""Norms of the losses: means of standardised motion, or sums over radians as printed."""
+"""Norms of the losses: means of standardised motion, or sums and means over radians."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import pytest
 import torch
@@ -23,25 +25,42 @@ def test_printed_norms_are_sums_over_frames_and_dimensions() -> None:
     change = error[:, 1:] - error[:, :-1]
     torch.testing.assert_close(losses.velocity(predicted, true, "radian_sum"), change.square().sum(dim=(1, 2)).mean())
     torch.testing.assert_close(losses.reconstruction(predicted, true), error.square().mean())
+    by_frame = losses.reconstruction(predicted, true, "radian_frame_mean")
+    torch.testing.assert_close(by_frame, error.square().sum(dim=2).mean())
 
 
-@pytest.mark.parametrize(("norm", "scale"), [("radian_sum", 1.0), ("standardised_mean", 0.1)])
-def test_a_model_with_printed_norms_stays_in_radians(norm: str, scale: float) -> None:
-    head = VAEHead(VAEHeadSettings.model_validate({"kind": "vae", "norm": norm, **VAE}), 4)
+@pytest.mark.parametrize(("standardised", "scale"), [(False, 1.0), (True, 0.1)])
+def test_networks_work_in_radians_or_in_standard_deviations(standardised: bool, scale: float) -> None:
+    head = head_vae("radian_sum", standardised)
     head.normal.set(torch.ones(3), 0.1)
-    gaze = GazeVQVAE(tokenizer(1).network.model_copy(update={"norm": norm}))
+    network = tokenizer(1).network.model_copy(update={"norm": "radian_sum", "standardised": standardised})
+    gaze = GazeVQVAE(network)
     gaze.normalise_by(torch.ones(6), 0.1)
     assert head.normal.scale.tolist() == pytest.approx([scale] * 3)
-    assert float(gaze.scale) == pytest.approx(scale)
+    assert float(gaze.scale) == gaze.loss_scale == pytest.approx(scale)
+
+
+def head_vae(norm: str, standardised: bool, **changes: Any) -> VAEHead:
+    torch.manual_seed(0)
+    asked = {"kind": "vae", "norm": norm, "standardised": standardised, **VAE, **changes}
+    return VAEHead(VAEHeadSettings.model_validate(asked), 4).eval()
+
+
+def test_losses_in_radians_do_not_depend_on_the_unit_in_the_networks() -> None:
+    """The loss of the predicted motion itself, in radians, whatever the networks work in."""
+    speech, motion = torch.randn(2, 50, 4), 0.1 * torch.randn(2, 50, 3)
+    head = head_vae("radian_mean", standardised=True)
+    head.normal.set(motion.mean(dim=(0, 1)), 0.1)
+    found = head.predict(speech, motion)
+    expected = losses.reconstruction(found.head, motion, "radian_mean")
+    torch.testing.assert_close(found.loss_terms["head_reconstruction"], expected)
 
 
 def test_the_printed_divergence_of_the_head_sums_over_the_latent_code() -> None:
     """Eq. 13 against the mean over the same dimensions."""
     speech, motion = torch.randn(2, 50, 4), 0.1 * torch.randn(2, 50, 3)
     terms = {}
-    for norm in ("radian_sum", "standardised_mean"):
-        torch.manual_seed(0)
-        settings = VAEHeadSettings.model_validate({"kind": "vae", "norm": norm, **VAE, "latent_frames": None})
-        terms[norm] = VAEHead(settings, 4).eval().predict(speech, motion).loss_terms
-    latent = VAE["latent"]
-    torch.testing.assert_close(terms["radian_sum"]["head_kl"], latent * terms["standardised_mean"]["head_kl"])
+    for norm in ("radian_sum", "radian_mean", "standardised_mean"):
+        terms[norm] = head_vae(norm, standardised=False, latent_frames=None).predict(speech, motion).loss_terms
+    for norm in ("radian_sum", "radian_mean"):
+        torch.testing.assert_close(terms[norm]["head_kl"], VAE["latent"] * terms["standardised_mean"]["head_kl"])

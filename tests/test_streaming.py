@@ -221,6 +221,7 @@ def test_memory_does_not_grow(live: LiveModel) -> None:
                 "head": {
                     "kind": "vae",
                     "norm": "standardised_mean",
+                    "standardised": True,
                     "width": 64,
                     "layers": 3,
                     "dropout": 0.1,

@@ -139,6 +139,7 @@ def tokenizer(patch: int, **changes: Any) -> GazeTokenizerSettings:
                 "frames_per_code": patch,
                 "stay_tolerance_deg": 1.0 if patch > 1 else None,
                 "norm": "standardised_mean",
+                "standardised": True,
                 "quantiser": {
                     "kind": "codebook",
                     "codes": 32,
@@ -189,7 +190,7 @@ def translation(kind: str, **changes: Any) -> MotionTaskSettings:
             "parts": ["head", "gaze"],
             "tokenizer": None,
             "speech": {"channels": ["2", "0", "1"], "width": 12, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0},
-            "head": {"kind": "vae", "norm": "standardised_mean", **VAE},
+            "head": {"kind": "vae", "norm": "standardised_mean", "standardised": True, **VAE},
             "gaze": {"kind": kind, **GAZE[kind]},
             "conditions": [],
             "init_from": None,

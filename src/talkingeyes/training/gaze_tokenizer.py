@@ -20,7 +20,7 @@ from talkingeyes.models.gaze.gaze_signal import to_signal, to_signal_tensor
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.layers import distributed
 from talkingeyes.models.layers.quantiser import code_figures, perplexity
-from talkingeyes.models.losses import sum_if_printed
+from talkingeyes.models.losses import as_norm
 from talkingeyes.training.conditioning import WITHOUT_CONDITIONING
 from talkingeyes.training.loop import LoopSettings
 from talkingeyes.training.windows import WindowDataset, WindowSettings, motion_batch, motion_statistics
@@ -72,14 +72,14 @@ class GazeTokenizerTask:
         stay = stay_mask(self.module, signal)
         reconstruction = self.module(signal, stay)
         moving = ~stay.repeat_interleave(self.settings.network.frames_per_code, dim=1)[..., None]
-        error = (reconstruction.signal - signal) / self.module.scale * moving
+        error = (reconstruction.signal - signal) / self.module.scale * self.module.loss_scale * moving
         mean_error = error.square().sum() / (
             distributed.all_reduce_mean(moving.sum().float()).clamp(min=1) * signal.shape[-1]
         )
         network, codes = self.settings.network, reconstruction.quantised
-        fitted = sum_if_printed(mean_error, signal, network.norm)
-        commitment = sum_if_printed(codes.commitment, codes.values, network.norm)
-        codebook_error = sum_if_printed(codes.codebook_error, codes.values, network.norm)
+        fitted = as_norm(mean_error, signal, network.norm)
+        commitment = as_norm(codes.commitment, codes.values, network.norm)
+        codebook_error = as_norm(codes.codebook_error, codes.values, network.norm)
         return {
             "total": fitted + codebook_error + network.quantiser.commitment * commitment,
             "reconstruction": fitted,
@@ -116,7 +116,7 @@ class GazeTokenizerTask:
             )
             stay = stay_mask(self.module, signal)
             quantised = self.module.quantiser(self.module.encode(signal))
-            counts += torch.bincount(quantised.indices[~stay], minlength=len(counts)).cpu()
+            counts += torch.bincount(quantised.indices[~stay].flatten(), minlength=len(counts)).cpu()
             squares += float((self.module.render(quantised.values, stay) - signal).square().sum())
             numbers += signal.numel() // signal.shape[-1]
             stay_fraction, patches = stay_fraction + int(stay.sum()), patches + stay.numel()

@@ -1,10 +1,11 @@
-"""History of a gaze decoder in training, against the mismatch between teacher forcing and free running.
+"""History of a gaze decoder in training. TalkingEyes eq. 9 prints the predicted past, and not how its gradient flows.
 
-Trained on true history alone (teacher forcing, TalkingEyes eq. 9), a decoder never sees the consequences of its own
-errors and copies the last frame (docs/log.md). `noise` adds noise to the true history. `scheduled_sampling` replaces a
-fraction of it, which grows with training, by predictions of a first pass of the same network (Bengio et al. 2015; in
-parallel over all positions as in Mihaylova & Martins 2019). `free_running` runs the decoder on its own output, as at
-inference, with truncated backpropagation through time.
+`free_running` runs the decoder on its own output, as at inference, with backpropagation through time. `predicted` does
+so without gradient, and then predicts all frames in one parallel pass. `teacher_forcing` is the true history, which the
+cited CodeTalker (Xing et al. 2023) trains on: a decoder then never sees the consequences of its own errors, and copies
+the last frame (docs/log.md). `noise` adds noise to it. `scheduled_sampling` replaces a fraction of it, which grows with
+training, by predictions of a first pass of the same network (Bengio et al. 2015; in parallel over all positions as in
+Mihaylova & Martins 2019).
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from talkingeyes.models.layers.schedules import ramp
 
 
 class TeacherForcing(Settings):
-    """The true history, as in the paper."""
+    """The true history."""
 
     kind: Literal["teacher_forcing"]
 
@@ -44,8 +45,14 @@ class ScheduledSampling(Settings):
     ramp_steps: Annotated[int, Field(gt=0)]
 
 
+class PredictedPast(Settings):
+    """The decoder's own output, without gradient through time."""
+
+    kind: Literal["predicted"]
+
+
 class FreeRunning(Settings):
-    """The decoder's own output, frame by frame. A training step costs as many passes as a window has frames."""
+    """The decoder's own output, with gradient through time. A training step costs a pass for each frame of a window."""
 
     kind: Literal["free_running"]
     # Truncation of backpropagation through time; null: none.
@@ -55,7 +62,7 @@ class FreeRunning(Settings):
 # Sampled codes have no gradient, so a decoder of codes does not support `free_running`.
 CodeHistorySettings = Annotated[TeacherForcing | NoisyTeacherForcing | ScheduledSampling, Field(discriminator="kind")]
 HistorySettings = Annotated[
-    TeacherForcing | NoisyTeacherForcing | ScheduledSampling | FreeRunning, Field(discriminator="kind")
+    TeacherForcing | NoisyTeacherForcing | ScheduledSampling | PredictedPast | FreeRunning, Field(discriminator="kind")
 ]
 
 

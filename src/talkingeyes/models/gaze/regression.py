@@ -25,6 +25,7 @@ from talkingeyes.models.gaze.history import (
     FreeRunning,
     HistorySettings,
     NoisyTeacherForcing,
+    PredictedPast,
     ScheduledSampling,
     replacement_mask,
 )
@@ -49,6 +50,9 @@ class RegressionGazeSettings(ComponentSettings):
     condition_lookahead: Annotated[int, Field(ge=0)] | None
     # The history used in training.
     history: HistorySettings
+    # The quantised features of eq. 14: those nearest to the predicted ones, or the codes of the true motion, as in the
+    # code of CodeTalker, whose words eq. 14 has.
+    regularity: Literal["nearest_codes", "true_codes"]
 
 
 @dataclass(frozen=True)
@@ -90,19 +94,21 @@ class RegressionGaze(nn.Module):
     def loss_terms(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """Losses of the predicted frames. `copy_last_frame` is the loss of repeating the last true frame, for
         comparison."""
-        true = self._normal(to_signal_tensor(self.codebook.settings.signal, condition.head, gaze))
+        signal = to_signal_tensor(self.codebook.settings.signal, condition.head, gaze)
+        true = self._normal(signal)
         past, memory, history = shift_right(true), self._memory(condition), self.settings.history
         if self.training and isinstance(history, FreeRunning):
             made = self._free_run(memory, lambda features, _: self._nearest(features), history.truncation_frames)
         else:
             made = self._predict(self._training_history(past, memory), memory)
-        predicted = self._normal(made.signal)
-        norm = self.codebook.settings.norm
-        regularity = F.mse_loss(self.codebook.quantiser.to_code_space(made.features), made.codes)
+        norm, unit = self.codebook.settings.norm, self.codebook.loss_scale
+        predicted, true, past = unit * self._normal(made.signal), unit * true, unit * past
+        codes = made.codes if self.settings.regularity == "nearest_codes" else self._codes(signal)
+        regularity = F.mse_loss(self.codebook.quantiser.to_code_space(made.features), codes)
         return {
             "gaze_reconstruction": losses.reconstruction(predicted, true, norm),
             "gaze_velocity": losses.velocity(predicted, true, norm),
-            "gaze_regularity": losses.sum_if_printed(regularity, made.codes, norm),
+            "gaze_regularity": losses.as_norm(regularity, codes, norm),
             "copy_last_frame": losses.reconstruction(past, true, norm).detach(),
         }
 
@@ -131,7 +137,7 @@ class RegressionGaze(nn.Module):
         quantised = self.codebook.quantiser(features)
         stay = torch.zeros(past.shape[:2], dtype=torch.bool, device=past.device)
         signal = self.codebook.decode(quantised.values, stay)
-        return _Prediction(features, self.codebook.quantiser.codebook[quantised.indices], signal)
+        return _Prediction(features, quantised.codes, signal)
 
     def _training_history(self, past: Float[Tensor, "B T F"], memory: Float[Tensor, "B T W"]) -> Float[Tensor, "B T F"]:
         """The history of a training step."""
@@ -140,6 +146,11 @@ class RegressionGaze(nn.Module):
             return past
         if isinstance(history, NoisyTeacherForcing):
             return past + history.sigma * torch.randn_like(past)
+        if isinstance(history, PredictedPast):
+            with torch.no_grad():
+                return shift_right(
+                    self._normal(self._free_run(memory, lambda each, _: self._nearest(each), None).signal)
+                )
         if isinstance(history, ScheduledSampling):
             with torch.no_grad():
                 own = shift_right(self._normal(self._predict(past, memory).signal))
@@ -181,6 +192,12 @@ class RegressionGaze(nn.Module):
         values: Tensor = self.codebook.quantiser(features[:, None]).values[:, 0]
         return values
 
+    def _codes(self, signal: Float[Tensor, "B T F"]) -> Float[Tensor, "B T C"]:
+        """Codes of a true signal."""
+        with torch.no_grad():
+            codes: Tensor = self.codebook.quantiser(self.codebook.encode(signal)).codes
+        return codes
+
     def _normal(self, signal: Float[Tensor, "*B F"]) -> Float[Tensor, "*B F"]:
         return (signal - self.codebook.mean) / self.codebook.scale
 
@@ -194,5 +211,7 @@ def sample_code_values(
 ) -> Float[Tensor, "B C"]:
     """Code values of features: the nearest (eq. 5), or sampled by softmax(-distance / (temperature * nearest))."""
     distance = quantiser.distances(features).clamp(min=0).sqrt()
-    nearest = distance.min(-1, keepdim=True).values.clamp(min=1e-6)
-    return quantiser.codebook[sample_categorical(-distance / nearest, uniform, temperature)]
+    logits = -distance / distance.min(-1, keepdim=True).values.clamp(min=1e-6)
+    factors = logits[0].numel() // logits.shape[-1]
+    chosen = sample_categorical(logits.flatten(0, -2), uniform.repeat_interleave(factors), temperature)
+    return quantiser.codebook[chosen].reshape(features.shape)

@@ -36,8 +36,10 @@ class GazeVQVAESettings(Settings):
     frames_per_code: Annotated[int, Field(gt=0)]
     # A patch that moves less than this (degrees) from the frame before it is a stay; null: every patch has a code.
     stay_tolerance_deg: Annotated[float, Field(gt=0)] | None
-    # Norm of the losses, here and in a decoder that regresses its features, and unit of the signal (models/losses.py).
+    # Norm of the losses, here and in a decoder that regresses its features (models/losses.py).
     norm: Norm
+    # Whether the networks work on a signal in standard deviations, which standardised_mean needs, or in radians.
+    standardised: bool
     quantiser: AnyQuantiserSettings
     encoder: TransformerSettings
     decoder: TransformerSettings
@@ -52,8 +54,8 @@ class Reconstruction:
 
 
 class GazeVQVAE(FreezableModule):
-    """E_VQ, Q and D_VQ over signals in radians, frozen while the gaze generator is trained (section IV-D). Normalised
-    internally unless the norm is in radians: one mean per dimension, one scale for all."""
+    """E_VQ, Q and D_VQ over signals in radians, frozen while the gaze generator is trained (section IV-D). If
+    standardised, with a mean per dimension and one scale for all."""
 
     mean: Tensor
     scale: Tensor
@@ -80,10 +82,14 @@ class GazeVQVAE(FreezableModule):
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: float) -> None:
         """Set the statistics that normalise a signal, unless it stays in radians."""
-        if self.settings.norm == "radian_sum":
-            return
-        self.mean.copy_(mean)
-        self.scale.fill_(scale)
+        if self.settings.standardised:
+            self.mean.copy_(mean)
+            self.scale.fill_(scale)
+
+    @property
+    def loss_scale(self) -> float:
+        """From a normalised signal to the unit of the losses."""
+        return 1.0 if self.settings.norm == "standardised_mean" else float(self.scale)
 
     def patches(self, signal: Float[Tensor, "B T F"]) -> Float[Tensor, "B N P F"]:
         """The signal in patches of `frames_per_code` frames; T must be a multiple."""

@@ -114,6 +114,7 @@ class CausalVAEHead(nn.Module):
         size = settings.model_dump(exclude={"prior", "temperature", "gain"}) | {
             "kind": "vae",
             "norm": "standardised_mean",
+            "standardised": True,
         }
         self.vae_head = VAEHead(VAEHeadSettings.model_validate(size), speech)
         vae = self.vae_head.vae

@@ -19,28 +19,31 @@ class VAEHeadSettings(VAESettings, ComponentSettings):
     """Settings of the VAE of the head."""
 
     kind: Literal["vae"]
-    # Norm of the loss terms, and unit of the motion: standardised, or radians as printed.
+    # Norm of the loss terms.
     norm: losses.Norm
+    # Whether the networks work on motion in standard deviations, which the norm standardised_mean needs, or in radians.
+    standardised: bool
 
 
 class VAEHead(nn.Module):
-    """Generator of head rotation vectors from speech features. Normalised internally unless its norm is in radians: a
-    mean per dimension, one scale for all."""
+    """Generator of head rotation vectors from speech features. If standardised, with a mean per dimension and one scale
+    for all."""
 
     settings_class = VAEHeadSettings
 
     def __init__(self, settings: VAEHeadSettings, speech: int) -> None:
         super().__init__()
         self.norm: losses.Norm = settings.norm
-        self.normal = MotionNormaliser(3, identity=settings.norm == "radian_sum")
+        self.normal = MotionNormaliser(3, identity=not settings.standardised)
         self.vae = ConditionalVAE(settings, 3, speech)
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
         """Reconstruct true motion given its speech (training)."""
         found = self.vae.reconstruct(self.normal(head), speech, self.norm)
+        unit = 1.0 if self.norm == "standardised_mean" else float(self.normal.scale[0]) ** 2
         loss_terms = {
-            "head_reconstruction": found.reconstruction,
-            "head_velocity": found.velocity,
+            "head_reconstruction": unit * found.reconstruction,
+            "head_velocity": unit * found.velocity,
             "head_kl": found.kl,
         }
         return HeadPrediction(self.normal.denormalise(found.motion), loss_terms)

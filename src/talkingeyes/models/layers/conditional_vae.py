@@ -118,7 +118,7 @@ class ConditionalVAE(nn.Module):
             decoded,
             losses.reconstruction(decoded, motion, norm),
             losses.velocity(decoded, motion, norm),
-            losses.sum_if_printed(self.kl_loss(posterior, prior), posterior.mean, norm),
+            losses.divergence_as_norm(self.kl_loss(posterior, prior), posterior.mean, norm),
         )
 
     def sample(

@@ -78,4 +78,4 @@ class FiniteScalarQuantiser(Codebook):
         indices: Int[Tensor, "B N"] = ((rounded + self.reach).long() * self.steps).sum(-1)
         values = self.codebook[indices]
         zero = latents.new_zeros(())
-        return QuantiserOutput(bounded + (values - bounded).detach(), indices, zero, zero)
+        return QuantiserOutput(bounded + (values - bounded).detach(), values, indices, zero, zero)

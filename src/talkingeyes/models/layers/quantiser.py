@@ -37,11 +37,12 @@ class QuantiserSettings(Settings):
 
 @dataclass(frozen=True)
 class QuantiserOutput:
-    """Codes of latents. `values` have a straight-through gradient; `commitment` is the last term of eq. 7, and
-    `codebook_error` the one before it: 0 for codes that are not learned by gradient."""
+    """Codes of latents. `values` are `codes` with a straight-through gradient; `commitment` is the last term of eq. 7,
+    and `codebook_error` the one before it: 0 for codes that are not learned by gradient."""
 
     values: Float[Tensor, "*N C"]
-    indices: Int[Tensor, "*N"]
+    codes: Float[Tensor, "*N C"]
+    indices: Int[Tensor, "*M"]  # N, and of an element-wise quantiser a last axis of factors
     commitment: Float[Tensor, ""]
     codebook_error: Float[Tensor, ""]
 
@@ -66,7 +67,8 @@ class Codebook(nn.Module):
             indices = self.distances(latents.detach()).argmin(-1)
         values = self.codebook[indices]
         commitment = mean_error(latents, values.detach(), mask)
-        return QuantiserOutput(latents + (values - latents).detach(), indices, commitment, latents.new_zeros(()))
+        straight_through, zero = latents + (values - latents).detach(), latents.new_zeros(())
+        return QuantiserOutput(straight_through, values.detach(), indices, commitment, zero)
 
 
 class Quantiser(Codebook):
