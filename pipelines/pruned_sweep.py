@@ -4,9 +4,8 @@ Run     python -m pipelines.pruned_sweep sweep=free_running [overrides]; on all 
 Reads   the same sweep, study and store as `pipelines.experiment -m sweep=free_running`; each can resume the other
 Writes  the output of a sweep (docs/sweeps.md)
 
-Hydra's sweeper cannot prune. Here every validation of a training is reported to the study, and a trial whose metrics
-are below the median of the others at the same step is pruned. Only for a single objective, because Optuna prunes no
-other.
+Hydra's sweeper cannot prune, and Optuna prunes no search with several objectives. Here the score of every validation of
+a training is kept with its trial, and a trial whose score is below the median of the others at the same step is pruned.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from pipelines.experiment import run_pipeline
@@ -30,8 +30,8 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import run_command
 
-# Number of complete trials before pruning starts.
-STARTUP_TRIALS = 4
+STARTUP_TRIALS = 4  # trials with a score at a step before any is pruned there
+SCORE = "validation_score@{}"  # attribute of a trial
 
 
 def main() -> None:
@@ -43,10 +43,6 @@ def main() -> None:
     study = prepare(overrides)
     if study is None:
         raise InputError("sweep: should be a search of Optuna with a storage, such as sweep=free_running")
-    if len(study.search.directions) != 1:
-        raise InputError(
-            f"sweep: should have one objective for pruning, got {study.search.params['objective']['metrics']}"
-        )
     jobs = int(study.search.params["machine"]["jobs"])
     with study.exclusive(join=True):
         joblib.Parallel(n_jobs=jobs)(joblib.delayed(run_trials)(overrides) for _ in range(jobs))
@@ -61,17 +57,16 @@ def run_trials(overrides: Sequence[str]) -> None:
     search = read_search(overrides)
     assert search is not None
     study = open_study(search)
-    study.optuna.pruner = optuna.pruners.MedianPruner(n_startup_trials=STARTUP_TRIALS)
     while (trial := _next(study)) is not None:
         try:
-            value = _trial(study, trial, overrides)
+            values = _trial(study, trial)
         except optuna.TrialPruned:
             study.optuna.tell(trial, state=optuna.trial.TrialState.PRUNED)
         except BaseException:
             study.optuna.tell(trial, state=optuna.trial.TrialState.FAIL)
             raise
         else:
-            study.optuna.tell(trial, value)
+            study.optuna.tell(trial, values)
 
 
 def _next(study: OptunaStudy) -> Any:
@@ -85,22 +80,23 @@ def _next(study: OptunaStudy) -> Any:
         return study.optuna.ask(distributions(study.search)) if study.remaining_trials > begun else None
 
 
-def _trial(study: OptunaStudy, trial: Any, overrides: Sequence[str]) -> float:
-    """Run the pipeline with the suggested values. Raises TrialPruned."""
+def _trial(study: OptunaStudy, trial: Any) -> list[float]:
+    """Run the pipeline with the suggested values; returns its objectives. Raises TrialPruned."""
     import optuna
 
-    sign = 1 if study.search.directions[0] == "maximize" else -1
-
     def on_validation(step: int, figures: dict[str, float]) -> None:
-        trial.report(sign * figures["validation_score"], step)
-        if trial.should_prune():
+        score = figures["validation_score"]
+        trial.set_user_attr(SCORE.format(step), score)
+        others = [each.user_attrs.get(SCORE.format(step)) for each in study.optuna.get_trials(deepcopy=False)]
+        known = [each for each in others if each is not None]
+        if len(known) > STARTUP_TRIALS and score < median(known):
             raise optuna.TrialPruned
 
     chosen = [*study.search.fixed, *(f"{key}={value}" for key, value in trial.params.items())]
     params = compose(chosen)
     return run_pipeline(
         params, Path(params["workspace"], "jobs", f"{study.search.name}-{trial.number}"), chosen, on_validation
-    )[0]
+    )
 
 
 if __name__ == "__main__":

@@ -12,9 +12,12 @@ for comparison; distances of the distributions of eye speed and saccade amplitud
 without truth: of the fitted motion), and their mean, `dynamics_distance`; the same for eccentricity of gaze,
 `eccentricity_distance`; `metrics_worse`, the number of learnt metrics of the gaze benchmark by which the samples are
 significantly worse than the truth, out of `metrics_comparable`; `tie` and `tie_fitted`, Corr. less that under other
-sounds of the speaker; ratios of speed to the truth's; `diversity`; of a network with a likelihood, that of fitted
-motion, `log_likelihood`, in nats per second; nothing for a row without motion (`truth` where no sound of val has two
-takes, `mismatched` where no speaker has two sounds). benchmark.json: the benchmark itself.
+sounds of the speaker; ratios of speed to the truth's; `diversity`, and its ratio to that of the true takes, where
+sounds have several;
+`motion_distance`, the mean absolute logarithm of the ratios of Diversity, eye speed, rest and head speed; of a network
+with a likelihood, that of fitted motion, `log_likelihood`, in nats per second; nothing for a row without motion
+(`truth` where no sound of val has two takes, `mismatched` where no speaker has two sounds). benchmark.json: the
+benchmark itself.
 """
 
 from __future__ import annotations
@@ -50,6 +53,7 @@ from talkingeyes.evaluation.model_selection.validation_metrics import (
     MotionDynamics,
     ValidateSettings,
     dynamics_distances,
+    motion_distance,
     speed_margins,
 )
 from talkingeyes.evaluation.paper_metrics.l2_diversity import diversity
@@ -89,6 +93,7 @@ class SoundValidation:
     fitted_scores: dict[str, CorrScores]
     diversity: float
     head_diversity: float
+    true_diversity: float
     sampled: MotionDynamics
     truth: MotionDynamics
     fitted: MotionDynamics
@@ -119,11 +124,15 @@ def _figures(found: Sequence[SoundValidation], table: BenchmarkTable) -> dict[st
     sampled, truth, fitted = (
         MotionDynamics.pooled([getattr(clip, name) for clip in found]) for name in ("sampled", "truth", "fitted")
     )
+    diversities, margins = _diversities(found), speed_margins(sampled, truth, fitted)
+    ratios = [margins[name] for name in ("eye_speed_ratio", "rest_ratio", "head_speed_ratio")]
+    if "diversity_ratio" in diversities:
+        margins["motion_distance"] = motion_distance([diversities["diversity_ratio"], *ratios])
     return {
         **_corr([clip.scores for clip in found], ""),
         **_corr([clip.fitted_scores for clip in found], "_fitted"),
-        **_diversities(found),
-        **speed_margins(sampled, truth, fitted),
+        **diversities,
+        **margins,
         **_named(dynamics_distances(sampled, truth)),
         **mean_log_likelihood([clip.log_likelihood for clip in found], [clip.seconds for clip in found]),
         "metrics_worse": float(table.learnt.worse),
@@ -192,14 +201,16 @@ def measure_sound(paths: InputPaths, sound: SoundGroup, row: RowMotions) -> Soun
     speech, evaluators = np.array(fitted.speech[:frames]), _load_evaluators(paths.critic)
     under = [np.array(other.speech) for other in row.others]
     scores = corr_scores(evaluators.critics, speech, under, motions.head, motions.gaze)
-    true = true_takes(paths, sound)[:1]
+    takes = true_takes(paths, sound)
+    true = takes[:1]
     annotation = corpus.annotation(clip)
     motion_sets = pair_with_truth(sample_behaviours(motions, annotation), motion_behaviours(true, annotation))
     return SoundValidation(
         scores,
         corr_scores(evaluators.critics, speech, under, own.head, own.gaze),
-        diversity(motions.gaze.reshape(*motions.gaze.shape[:2], -1)),
+        _gaze_diversity(motions),
         diversity(motions.head),
+        _gaze_diversity(Samples.of(clip.fps, takes).cropped(frames)),
         MotionDynamics.of(motions),
         MotionDynamics.of(Samples.of(clip.fps, true) if corpus.has_truth else own),
         MotionDynamics.of(own),
@@ -207,6 +218,10 @@ def measure_sound(paths: InputPaths, sound: SoundGroup, row: RowMotions) -> Soun
         len(fitted) / clip.fps,
         row.log_likelihood,
     )
+
+
+def _gaze_diversity(motions: Samples) -> float:
+    return diversity(motions.gaze.reshape(*motions.gaze.shape[:2], -1))
 
 
 def true_takes(paths: InputPaths, sound: SoundGroup) -> list[Motion]:
@@ -250,10 +265,14 @@ def _corr(found: Sequence[dict[str, CorrScores]], of: str) -> dict[str, float]:
 
 
 def _diversities(found: Sequence[SoundValidation]) -> dict[str, float]:
-    """Mean Diversity of eyes and head; none of a row with one motion a sound."""
+    """Mean Diversity of eyes and head, and of the eyes over that of true takes; none of a row with one motion a
+    sound."""
+    with_takes = [clip for clip in found if not np.isnan(clip.true_diversity)]
+    ratio = [sum(getattr(clip, name) for clip in with_takes) for name in ("diversity", "true_diversity")]
     values = {
         "diversity": _mean([clip.diversity for clip in found]),
         "diversity_head": _mean([clip.head_diversity for clip in found]),
+        "diversity_ratio": ratio[0] / ratio[1] if with_takes else float("nan"),
     }
     return {name: value for name, value in values.items() if not np.isnan(value)}
 

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import optuna
 import pytest
@@ -177,7 +176,7 @@ def test_bad_trials_end_early(tmp_path, monkeypatch):
     assert len(states) == 9
     assert set(states) == {"COMPLETE", "PRUNED"}
     pruned = [trial for trial in study.trials if trial.state.name == "PRUNED"]
-    assert len(steps) == 3 * states.count("COMPLETE") + sum(len(trial.intermediate_values) for trial in pruned)
+    assert len(steps) == 3 * states.count("COMPLETE") + sum(len(trial.user_attrs) for trial in pruned)
     worst = max(study.trials, key=lambda trial: trial.params["model.talkingeyes_events.weights.head_location"])
     assert study.best_value == min(
         trial.params["model.talkingeyes_events.weights.head_location"] for trial in study.trials
@@ -186,8 +185,20 @@ def test_bad_trials_end_early(tmp_path, monkeypatch):
 
 
 @pytest.mark.long
-def test_pruning_needs_one_objective(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["sweep", "sweep=codebook_size", f"workspace={tmp_path}"])
-    with pytest.raises(InputError, match="should have one objective for pruning"):
-        pipelines.pruned_sweep.main()
-    assert not Path(tmp_path, "asked").exists()
+def test_trials_of_several_objectives_are_pruned_too(tmp_path, monkeypatch):
+    def chain(params, view, overrides, on_validation):
+        weight = params["model"]["talkingeyes_codes_vae_head"]["weights"]["head_kl"]
+        on_validation(1, {"validation_score": -weight})
+        return [weight, -weight]
+
+    monkeypatch.setattr(pipelines.pruned_sweep, "run_pipeline", chain)
+    argv = ["sweep", "sweep=codebook_size", f"workspace={tmp_path}", "machine.jobs=1", "hydra.sweeper.n_trials=12"]
+    monkeypatch.setattr(sys, "argv", argv)
+    pipelines.pruned_sweep.main()
+    study = optuna.load_study(study_name="codebook_size", storage=storage(f"{tmp_path}/sweeps.journal"))
+    states = {trial.number: trial.state.name for trial in study.trials}
+    assert {*states.values()} == {"COMPLETE", "PRUNED"}
+    assert [states[number] for number in range(4)] == ["COMPLETE"] * 4
+    pruned = [trial.user_attrs["validation_score@1"] for trial in study.trials if trial.state.name == "PRUNED"]
+    kept = [trial.user_attrs["validation_score@1"] for trial in study.trials if trial.state.name == "COMPLETE"]
+    assert max(pruned) < max(kept)

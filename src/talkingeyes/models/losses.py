@@ -17,6 +17,11 @@ from torch import Tensor
 Norm = Literal["standardised_mean", "radian_mean", "radian_frame_mean", "radian_sum"]
 
 
+def is_standardised(norm: Norm, standardised: bool) -> bool:
+    """Whether networks work on motion in standard deviations."""
+    return standardised or norm == "standardised_mean"
+
+
 def reconstruction(
     predicted: Float[Tensor, "B T F"], true: Float[Tensor, "B T F"], norm: Norm = "standardised_mean"
 ) -> Float[Tensor, ""]:

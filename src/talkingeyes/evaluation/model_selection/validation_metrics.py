@@ -46,10 +46,12 @@ SelectionMetric = Literal[
     "tie_gaze_in_space",
     "tie_head",
     "dynamics_distance",
+    "motion_distance",
     "eye_speed_distance",
     "saccade_amplitude_distance",
     "eccentricity_distance",
 ]
+MIN_RATIO = 0.01
 
 
 class ValidateSettings(Settings):
@@ -98,6 +100,12 @@ def speed_margins(sampled: MotionDynamics, truth: MotionDynamics, fitted: Motion
         "rest_ratio": rest / rest_of_fitted,
         "head_speed_ratio": float(sampled.head_speed_deg_s.mean() / truth.head_speed_deg_s.mean()),
     }
+
+
+def motion_distance(ratios: Sequence[float]) -> float:
+    """Distance of a model from the truth by ratios to it: the mean of their absolute logarithms, each at most that of
+    a hundredth."""
+    return float(np.abs(np.log(np.maximum(ratios, MIN_RATIO))).mean())
 
 
 @dataclass(frozen=True)

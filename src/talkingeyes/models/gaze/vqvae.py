@@ -24,7 +24,7 @@ from talkingeyes.models.layers.freezing import FreezableModule
 from talkingeyes.models.layers.quantiser import QuantiserOutput
 from talkingeyes.models.layers.quantiser_factory import AnyQuantiserSettings, make_quantiser
 from talkingeyes.models.layers.transformer import Cache, CausalTransformer, TransformerSettings
-from talkingeyes.models.losses import Norm
+from talkingeyes.models.losses import Norm, is_standardised
 
 
 class GazeVQVAESettings(Settings):
@@ -38,7 +38,7 @@ class GazeVQVAESettings(Settings):
     stay_tolerance_deg: Annotated[float, Field(gt=0)] | None
     # Norm of the losses, here and in a decoder that regresses its features (models/losses.py).
     norm: Norm
-    # Whether the networks work on a signal in standard deviations, which standardised_mean needs, or in radians.
+    # Whether the networks work on a signal in standard deviations, as always with standardised_mean, or in radians.
     standardised: bool
     quantiser: AnyQuantiserSettings
     encoder: TransformerSettings
@@ -82,7 +82,7 @@ class GazeVQVAE(FreezableModule):
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: float) -> None:
         """Set the statistics that normalise a signal, unless it stays in radians."""
-        if self.settings.standardised:
+        if is_standardised(self.settings.norm, self.settings.standardised):
             self.mean.copy_(mean)
             self.scale.fill_(scale)
 

@@ -21,7 +21,7 @@ class VAEHeadSettings(VAESettings, ComponentSettings):
     kind: Literal["vae"]
     # Norm of the loss terms.
     norm: losses.Norm
-    # Whether the networks work on motion in standard deviations, which the norm standardised_mean needs, or in radians.
+    # Whether the networks work on motion in standard deviations, as always with standardised_mean, or in radians.
     standardised: bool
 
 
@@ -34,7 +34,7 @@ class VAEHead(nn.Module):
     def __init__(self, settings: VAEHeadSettings, speech: int) -> None:
         super().__init__()
         self.norm: losses.Norm = settings.norm
-        self.normal = MotionNormaliser(3, identity=not settings.standardised)
+        self.normal = MotionNormaliser(3, identity=not losses.is_standardised(settings.norm, settings.standardised))
         self.vae = ConditionalVAE(settings, 3, speech)
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
