@@ -15,7 +15,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from talkingeyes.formats import arkit
-from talkingeyes.formats.readers.live_link import ANGLE_COLUMNS
 from talkingeyes.formats.writers.arkit import timecode
 from talkingeyes.formats.writers.gltf import Gltf
 
@@ -48,7 +47,7 @@ def is_eye(name: str) -> bool:
 
 def live_link(path: Path, fps: float = 60.0, frames: int = 180) -> Path:
     """A take with CRLF line ends, a dropped frame, columns in another order, and a head that turns."""
-    names = [*reversed([name[0].upper() + name[1:] for name in arkit.NAMES]), *ANGLE_COLUMNS]
+    names = [*reversed([name[0].upper() + name[1:] for name in arkit.NAMES]), *arkit.ANGLES]
     table = weights(frames, len(names))
     for column, name in enumerate(names):
         if name.startswith("Head"):

@@ -31,6 +31,9 @@ mouthRollLower mouthRollUpper mouthShrugLower mouthShrugUpper mouthPressLeft mou
 mouthLowerDownRight mouthUpperUpLeft mouthUpperUpRight browDownLeft browDownRight browInnerUp browOuterUpLeft
 browOuterUpRight cheekPuff cheekSquintLeft cheekSquintRight noseSneerLeft noseSneerRight tongueOut"""
 NAMES = (*(f"{what}{side}" for side in SIDES for what in EYE_COEFFICIENTS), *_FACE.split())  # Live Link's order
+ANGLES = tuple(
+    f"{part}{angle}" for part in ("Head", "LeftEye", "RightEye") for angle in ("Yaw", "Pitch", "Roll")
+)  # of Live Link Face, beside the coefficients
 EXPRESSION = tuple(
     name for name in NAMES if name not in GAZE_LID_SHAPES + JAW_SHAPES
 )  # expression coefficients of a Motion

@@ -1,6 +1,6 @@
 """Eyes and head of a motion as numbers by name, for files that name their columns (tables, JSON).
 
-Names are compared without prefix and case: `blendShapes.EyeBlinkLeft`, `eyeBlink_L` and `eyeBlinkLeft` are one.
+Names are compared by shape_names.py, in small letters.
 
     eyeBlinkLeft, eyeLookInLeft, ...     ARKit's fourteen, as our writers have them (formats/arkit.py)
     eyesLookLeft, eyesCloseL, squintL    Audio2Face's own; one direction for both eyes
@@ -10,7 +10,7 @@ Names are compared without prefix and case: `blendShapes.EyeBlinkLeft`, `eyeBlin
 
 from __future__ import annotations
 
-import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,11 +21,10 @@ from scipy.spatial.transform import Rotation
 from talkingeyes.core import rotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
-from talkingeyes.formats.readers.live_link import ANGLE_COLUMNS
 from talkingeyes.formats.rotations import euler_yxz
+from talkingeyes.formats.shape_names import shape_names
 from talkingeyes.head.posing import SIDES
 
-SIDE_SUFFIX = re.compile(r"_([lr])$")
 ARKIT_EYES = tuple(f"{what}{side}" for side in SIDES for what in arkit.EYE_COEFFICIENTS)
 A2F_LIDS = {"eyesClose": "eyeBlink", "eyesUpperLidRaiser": "eyeWide", "squint": "eyeSquint"}
 
@@ -55,9 +54,13 @@ class AddedEyes:
 
 
 def channel_name(name: str) -> str:
-    """The name by which a column is found: no prefix, small letters, sides in full."""
-    plain = name.strip().rpartition(".")[2].lower()
-    return SIDE_SUFFIX.sub(lambda side: {"l": "left", "r": "right"}[side[1]], plain)
+    """The name of one shape by which its values are found."""
+    return shape_names([name])[0].lower()
+
+
+def channel_names(names: Sequence[str]) -> tuple[str, ...]:
+    """The names of the shapes of a file by which their values are found."""
+    return tuple(name.lower() for name in shape_names(names))
 
 
 def arkit_channels(motion: Motion) -> dict[str, Float[ndarray, " T"]]:
@@ -83,7 +86,7 @@ EYE_NAMES = frozenset(eye_channels(Motion.of(1.0, np.zeros((1, 3)), np.zeros((1,
 def angle_channels(motion: Motion, factors: Float[ndarray, " 9"]) -> dict[str, Float[ndarray, " T"]]:
     """The nine angles of Live Link Face; `factors` lead from the angles of the file to those of `euler_yxz`."""
     turned = np.concatenate([euler_yxz(each) for each in (motion.head, motion.gaze[:, 0], motion.gaze[:, 1])], axis=1)
-    return dict(zip((name.lower() for name in ANGLE_COLUMNS), (turned / factors).T, strict=True))
+    return dict(zip((name.lower() for name in arkit.ANGLES), (turned / factors).T, strict=True))
 
 
 def pyfeat_channels(motion: Motion) -> dict[str, Float[ndarray, " T"]]:

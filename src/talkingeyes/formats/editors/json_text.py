@@ -18,7 +18,7 @@ from numpy import ndarray
 
 from talkingeyes.core.containers import MAX_TEXT_BYTES, parse_json, read_bytes, reading
 from talkingeyes.core.errors import InputError
-from talkingeyes.formats.editors.channels import EYE_NAMES, AddedEyes, channel_name, eye_channels
+from talkingeyes.formats.editors.channels import EYE_NAMES, AddedEyes, channel_names, eye_channels
 from talkingeyes.formats.readers.arkit_json import coefficient_rows
 from talkingeyes.formats.writers.arkit import DIGITS
 
@@ -50,10 +50,10 @@ class JsonFile:
         """The file with eyes and head."""
         found, wanted = coefficient_rows(self.path, self.content), eye_channels(added.motion)
         new: dict[int, float] = {}
-        for column, name in enumerate(found.names):
-            if channel_name(name) in wanted:
+        for column, name in enumerate(channel_names(found.names)):
+            if name in wanted:
                 numbers = [row[column] for row in found.rows]
-                new |= self._placed(numbers, added.mixed(np.array(numbers, float), wanted[channel_name(name)]))
+                new |= self._placed(numbers, added.mixed(np.array(numbers, float), wanted[name]))
         turned = {"eyes": added.motion.gaze.reshape(-1, 3)}
         turned |= {"head": added.motion.head} if added.with_head else {}
         for name, rotations in turned.items():
@@ -92,7 +92,7 @@ def open_json(path: Path) -> JsonFile:
         content = json.loads(text, parse_float=placed, parse_int=placed, parse_constant=_refused)
         spans = [match.span(1) for match in TOKEN.finditer(text) if match[1] is not None]
     found = coefficient_rows(path, content)
-    if not any(channel_name(name) in EYE_NAMES for name in found.names):
+    if EYE_NAMES.isdisjoint(channel_names(found.names)):
         raise InputError(
             f"{path}: should have coefficients of eyes (eyeBlinkLeft, ...), got {', '.join(found.names[:5])}"
         )

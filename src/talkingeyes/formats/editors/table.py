@@ -17,19 +17,20 @@ from numpy import ndarray
 
 from talkingeyes.core.containers import MAX_TABLE_BYTES, read_bytes, reading
 from talkingeyes.core.errors import InputError
+from talkingeyes.formats import arkit
 from talkingeyes.formats.editors.channels import (
     AddedEyes,
     angle_channels,
-    channel_name,
+    channel_names,
     eye_channels,
     pyfeat_channels,
 )
-from talkingeyes.formats.readers.live_link import ANGLE_COLUMNS, read_take
+from talkingeyes.formats.readers.live_link import read_take
 from talkingeyes.formats.writers.arkit import DIGITS
 
 CELL = re.compile(rb'((?:"[^"]*"|[^,"])*),')
 PYFEAT_HEAD = ("yaw", "pitch", "roll")
-LIVE_LINK_HEAD = tuple(name.lower() for name in ANGLE_COLUMNS[:3])
+LIVE_LINK_HEAD = tuple(name.lower() for name in arkit.ANGLES[:3])
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def open_table(path: Path, format: str, frames: int, fps: float | None) -> Table
         content = read_bytes(path, MAX_TABLE_BYTES)
         content = _inflated(content) if path.suffix.lower() == ".gz" else content
         lines = content.splitlines(keepends=True)
-        names = tuple(channel_name(cell.decode("utf-8-sig")) for cell in _cells(lines[0].rstrip(b"\r\n")))
+        names = channel_names([cell.decode("utf-8-sig") for cell in _cells(lines[0].rstrip(b"\r\n"))])
     if format == "py-feat":
         return TableFile(path, lines, names, np.arange(frames), None)
     if format != "livelink":

@@ -1,4 +1,4 @@
-"""ARKit coefficients as JSON, read by name, in any order. Three layouts, distinguished by their keys:
+"""ARKit coefficients as JSON, read by name (shape_names.py), in any order. Three layouts, distinguished by their keys:
 
 names, coefficients, fps                ours (`export -f arkit`), with head, eyes and translation
 facsNames, weightMat, exportFps         Audio2Face; with its own names of shapes, only its eyes are known here
@@ -18,6 +18,7 @@ from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
+from talkingeyes.formats.shape_names import shape_names
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,8 @@ class CoefficientRows:
 
     @property
     def shapes(self) -> tuple[str, ...]:
-        """The names with a small first letter, as ARKit has them."""
-        return tuple(name[:1].lower() + name[1:] for name in self.names)
+        """The names as ARKit spells them."""
+        return shape_names(self.names)
 
 
 def read_arkit_json(path: Path, fps: float | None = None) -> Motion:

@@ -28,10 +28,8 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
 from talkingeyes.formats.readers import tables
 from talkingeyes.formats.rotations import from_euler_yxz
+from talkingeyes.formats.shape_names import shape_names
 
-ANGLE_COLUMNS = tuple(
-    f"{part}{angle}" for part in ("Head", "LeftEye", "RightEye") for angle in ("Yaw", "Pitch", "Roll")
-)
 ANGLE_SIGNS = np.array([-1.0, 1.0, 1.0])  # of yaw, pitch, roll, from Live Link's to `euler_yxz`
 BLENDSHAPE_COUNT = 61
 TIMECODE = re.compile(r"(\d+):(\d+):(\d+):(\d+(?:\.\d+)?)")
@@ -92,19 +90,20 @@ def read_live_link(path: Path, fps: float | None = None) -> Motion:
 
 
 def read_take(path: Path, fps: float | None = None) -> Take:
-    """The rows of a file, as they are; the names of columns may have a prefix, as in Audio2Face's `blendShapes.`."""
+    """The rows of a file, as they are. Raises InputError (one line) if it has none of the coefficients."""
     table = tables.read(path)
-    found = {name.rpartition(".")[2].lower(): name for name in table.names}
-    if not all(f"eyelook{way}{side}" in found for way in ("in", "out") for side in ("left", "right")):
+    found = dict(zip(shape_names(table.names), table.names, strict=True))
+    if found.keys().isdisjoint(arkit.NAMES):
         raise InputError(f"{path}: should have columns EyeLookInLeft, ..., got {', '.join(table.names[:5])}, ...")
     values = np.stack(
         [
-            table.column(found[name.lower()]) if name.lower() in found else np.zeros(len(table))
-            for name in (*arkit.NAMES, *ANGLE_COLUMNS)
+            table.column(found[name]) if name in found else np.zeros(len(table))
+            for name in (*arkit.NAMES, *arkit.ANGLES)
         ],
         axis=1,
     )
-    codes = table.texts(found["timecode"]) if "timecode" in found else ()
+    timed = next((name for name in table.names if name.lower().rpartition(".")[2] == "timecode"), None)
+    codes = () if timed is None else table.texts(timed)
     coefficients, angles = np.split(values, [len(arkit.NAMES)], axis=1)
     return Take(coefficients, angles, _clock(path, codes, len(table), fps))
 

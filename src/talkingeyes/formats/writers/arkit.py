@@ -18,7 +18,7 @@ from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.motion import CONVENTIONS, Motion
 from talkingeyes.formats import arkit
 from talkingeyes.formats.readers.forward_axis import FORWARD_AXIS_KEY
-from talkingeyes.formats.readers.live_link import ANGLE_COLUMNS, ANGLE_SIGNS, BLENDSHAPE_COUNT
+from talkingeyes.formats.readers.live_link import ANGLE_SIGNS, BLENDSHAPE_COUNT
 from talkingeyes.formats.rotations import euler_yxz
 
 SCHEMA = "talkingeyes.arkit/2"
@@ -27,7 +27,7 @@ DIGITS = 7
 
 def write_live_link(motion: Motion, path: Path) -> None:
     """One row per frame; the time code starts at 0."""
-    header = ("Timecode", "BlendShapeCount", *(name[0].upper() + name[1:] for name in arkit.NAMES), *ANGLE_COLUMNS)
+    header = ("Timecode", "BlendShapeCount", *(name[0].upper() + name[1:] for name in arkit.NAMES), *arkit.ANGLES)
     table = np.concatenate([arkit.coefficients(motion), _angles(motion)], axis=1)
     rows = [
         ",".join([timecode(frame, motion.fps), str(BLENDSHAPE_COUNT), *(f"{value:.{DIGITS}f}" for value in row)])
