@@ -1,6 +1,6 @@
 """A file of another program, opened for new eyes: the editor of its format, by its ending and content.
 
-.csv, .csv.gz  table.py      .json  json_text.py      .glb, .vrma  gltf.py      .npz, .npy  flame.py
+.csv, .csv.gz, .tsv  table.py      .json  json_text.py      .glb, .vrma  gltf.py      .npz, .npy  flame.py
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from talkingeyes.formats.editors.channels import AddedEyes
 from talkingeyes.formats.readers.forward_axis import default_forward_axis
 from talkingeyes.formats.readers.read_motion import read_motion
 
-SUFFIXES = (".csv", ".csv.gz", ".json", ".glb", ".vrma", ".npz", ".npy")
+SUFFIXES = (".csv", ".csv.gz", ".tsv", ".json", ".glb", ".vrma", ".npz", ".npy")
 
 
 @runtime_checkable
@@ -62,7 +62,7 @@ def open_face_file(path: Path, fps: float | None = None, eyes: str | None = None
         "gltf": lambda: gltf.open_gltf_file(path, own),
     }
     try:
-        editor = editors.get(read.format, lambda: table.open_table(path, read.format, len(own), fps))()
+        editor = editors.get(read.format, lambda: table.open_table(path, read.format, fps))()
     except (ValueError, KeyError, IndexError, TypeError) as error:  # errors that no editor handles
         if isinstance(error, InputError):
             raise

@@ -1,7 +1,7 @@
 """Motion files of any supported format: choice of the reader, and validation of the result.
 
 .npz  our Motion; VHAP, DiffPoseTalk, FLAME by names      .npy, .pt  EMOTE, ProbTalk3D, ARTalk, UniLS by width
-.csv, .csv.gz  Live Link Face, OpenFace, py-feat          .frame, or a folder of them  metrical-tracker
+.csv, .csv.gz, .tsv  Live Link Face, OpenFace, py-feat    .frame, or a folder of them  metrical-tracker
 .json  ARKit coefficients    .glb .vrma    .usd .usda .usdc    .bvh    .obj .ply  the open head
 .npy .npz by a key map (key_map.py)
 """
@@ -27,8 +27,8 @@ from talkingeyes.formats.readers.key_map import KeyMap, read_with_map
 Reader = Callable[[Path, float | None], Motion]
 
 SUFFIXES = (
-    *(".npz", ".npy", ".pt", ".pth", ".csv", ".csv.gz", ".frame", ".json", ".glb", ".vrma", ".usd", ".usda", ".usdc"),
-    *(".bvh", ".obj", ".ply"),
+    *(".npz", ".npy", ".pt", ".pth", ".csv", ".csv.gz", ".tsv", ".frame", ".json"),
+    *(".glb", ".vrma", ".usd", ".usda", ".usdc", ".bvh", ".obj", ".ply"),
 )
 MAX_RAD = {"gaze": 1.4, "head": 3.2, "jaw": 1.2}  # larger values are not radians
 LID_BOUNDS = (-1.5, 1.5)
@@ -122,7 +122,7 @@ def _reader(path: Path) -> tuple[str, Reader]:
     name = path.name.lower()
     if path.is_dir() or name.endswith(".frame"):
         return "metrical-tracker", metrical.read_metrical
-    if name.endswith((".csv", ".csv.gz")):
+    if name.endswith((".csv", ".csv.gz", ".tsv")):
         return _table_reader(path)
     by_suffix: dict[str, tuple[str, Reader]] = {
         ".json": ("arkit", arkit_json.read_arkit_json),

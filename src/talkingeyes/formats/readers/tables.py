@@ -1,25 +1,30 @@
-"""CSV tables, plain or gzipped, with columns by name."""
+"""CSV tables in any of their forms (csv_text.py), with columns by name."""
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from jaxtyping import Float
 from numpy import ndarray
+from pyarrow import csv
 
-from talkingeyes.core.containers import read_csv
+from talkingeyes.core.containers import reading
 from talkingeyes.core.errors import InputError
+from talkingeyes.formats.csv_text import NOTHING, open_csv
 
 
 @dataclass(frozen=True)
 class Table:
-    """The rows of a file."""
+    """The rows of a file, as texts."""
 
     path: Path
     content: pa.Table
+    decimal: str
 
     def __len__(self) -> int:
         return int(self.content.num_rows)
@@ -29,18 +34,31 @@ class Table:
         return [name.strip() for name in self.content.column_names]
 
     def column(self, name: str) -> Float[ndarray, " T"]:
-        """Numbers of a column. Raises InputError if it is missing or holds anything else."""
+        """Numbers of a column, NaN where a cell has none. Raises InputError if it is missing or holds anything else."""
+        texts = pc.utf8_trim(self._named(name), characters=' "')
+        texts = pc.if_else(pc.is_in(texts, value_set=pa.array(NOTHING)), pa.scalar(None, pa.string()), texts)
+        texts = pc.replace_substring(texts, ",", ".") if self.decimal == "," else texts
         try:
-            values = np.asarray(self._named(name).cast(pa.float64()).to_numpy(), np.float64)
-        except (ValueError, pa.ArrowInvalid, pa.ArrowNotImplementedError):
+            values = np.asarray(texts.cast(pa.float64()).to_numpy(), np.float64)
+        except pa.ArrowInvalid:
             raise InputError(f"{self.path}: column {name} should hold numbers") from None
-        if not np.isfinite(values).all():
-            raise InputError(f"{self.path}: column {name} should hold finite numbers, got NaN or nothing in some rows")
+        if np.isinf(values).any():
+            raise InputError(f"{self.path}: column {name} should hold finite numbers, got infinite ones")
         return values
+
+    def columns(self, *names: str, absent: float | None = None) -> Float[ndarray, "T C"]:
+        """Columns side by side; `absent` is the value of one that the table lacks, which otherwise is an error."""
+        return np.stack(
+            [
+                np.full(len(self), absent) if absent is not None and name not in self.names else self.column(name)
+                for name in names
+            ],
+            axis=1,
+        )
 
     def texts(self, name: str) -> tuple[str, ...]:
         """Texts of a column."""
-        return tuple(str(value) for value in self._named(name).to_pylist())
+        return tuple(pc.utf8_trim(self._named(name), characters=' "').to_pylist())
 
     def _named(self, name: str) -> pa.ChunkedArray:
         if name not in self.names:
@@ -49,8 +67,19 @@ class Table:
 
 
 def read(path: Path) -> Table:
-    """Read a table; time codes stay texts. Raises InputError if it is unreadable or empty."""
-    content = read_csv(path, text_columns=("Timecode", "approx_time"))
-    if not content.num_rows:
+    """Read a table. Raises InputError if it is unreadable or has no rows."""
+    table = open_csv(path)
+    names, rows = table.names, table.rows
+    if not rows:
         raise InputError(f"{path}: should have rows, got none")
-    return Table(path, content)
+    with reading(path, "CSV table"):
+        width = len(names) - 1
+        short = (table.delimiter * (width - row.count(table.delimiter)) for row in rows)
+        whole = "".join(row.rstrip("\r\n") + missing + "\n" for row, missing in zip(rows, short, strict=True))
+        content = csv.read_csv(
+            io.BytesIO(whole.encode()),
+            csv.ReadOptions(column_names=names),
+            csv.ParseOptions(delimiter=table.delimiter),
+            csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
+        )
+    return Table(path, content, table.decimal)

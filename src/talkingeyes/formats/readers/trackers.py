@@ -12,20 +12,25 @@ other coefficients.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Shaped
+from jaxtyping import Bool, Float
 from numpy import ndarray
+from scipy.spatial.transform import Rotation
 
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.corpus.gaze_datasets import read_openface
+from talkingeyes.corpus.gaze_datasets import MIN_CONFIDENCE
+from talkingeyes.fitting.gaps import hold_last, interpolate_gaps
 from talkingeyes.formats import arkit
 from talkingeyes.formats.readers import tables
+from talkingeyes.formats.readers.clock import Timing, row_timing
 from talkingeyes.formats.rotations import from_euler_yxz
 
+TURNS, PLACE = (tuple(f"pose_{kind}{axis}" for axis in "xyz") for kind in "RT")
 EYE_VECTORS = tuple(tuple(f"gaze_{eye}_{axis}" for axis in "xyz") for eye in (1, 0))  # left, right of the subject
 TO_PROJECT_AXES = np.array([1.0, -1.0, -1.0])
 MAX_AU = 5.0
@@ -34,63 +39,66 @@ MM = 1e-3
 
 def read_openface_motion(path: Path, fps: float | None = None) -> Motion:
     """Read an OpenFace table; missing or unreliable frames repeat the value before."""
-    table, recording = tables.read(path), read_openface(path)
-    times_s = table.column("timestamp")
-    rate = float(1 / np.median(np.diff(times_s))) if fps is None else fps
-    place = np.rint((times_s - times_s[0]) * rate).astype(int)
-    row = np.searchsorted(place, np.arange(place[-1] + 1), side="right") - 1  # the last row at or before each frame
-    space = np.repeat(recording.gaze_in_space_rad[:, None], 2, axis=1)
+    table = tables.read(path)
+    faces = set(table.texts("face_id")) if "face_id" in table.names else {""}
+    if len(faces) > 1:
+        raise InputError(f"{path}: should hold one face, got those of face_id {', '.join(sorted(faces))}")
+    timing = row_timing(table.texts("timestamp"), len(table), fps)
+    head = Rotation.from_euler("XYZ", table.columns(*TURNS)).as_rotvec() * TO_PROJECT_AXES
+    space = np.repeat((table.columns("gaze_angle_x", "gaze_angle_y") * [1.0, -1.0])[:, None], 2, axis=1)
     if all(name in table.names for eye in EYE_VECTORS for name in eye):
-        vectors = [np.stack([table.column(name) for name in eye], axis=1) * TO_PROJECT_AXES for eye in EYE_VECTORS]
+        vectors = [table.columns(*eye) * TO_PROJECT_AXES for eye in EYE_VECTORS]
         space = rotation.direction_to_angles(np.stack(vectors, axis=1))
-    shift = np.zeros((len(table), 3))
-    if all(f"pose_T{axis}" in table.names for axis in "xyz"):
-        shift = np.stack([table.column(f"pose_T{axis}") for axis in "xyz"], axis=1) * TO_PROJECT_AXES * MM
-        shift -= shift[recording.valid].mean(axis=0) if recording.valid.any() else 0.0
-    shut = table.column("AU45_r") / MAX_AU if "AU45_r" in table.names else np.zeros(len(table))
-    seen = recording.valid
-    there = np.zeros(len(row), bool)
-    there[place] = seen
-    return Motion.of(
-        round(rate, 3),
-        _held(recording.head, seen)[row],
-        _held(rotation.eye_in_head(recording.head, space), seen)[row],
-        translation=_held(shift, seen)[row],
-        lid=np.repeat(_held(np.clip(shut, 0.0, 1.0), seen)[row, None], 2, axis=1),
-        valid=there,
-    )
+    shift = table.columns(*PLACE, absent=0.0) * TO_PROJECT_AXES * MM
+    shut = np.repeat(np.clip(table.columns("AU45_r", absent=0.0) / MAX_AU, 0.0, 1.0), 2, axis=1)
+    seen = (table.column("confidence") >= MIN_CONFIDENCE) & (table.column("success") > 0)
+    seen &= np.isfinite(np.concatenate([head, space.reshape(-1, 4), shift, shut], axis=1)).all(axis=1)
+    shift -= shift[seen].mean(axis=0) if seen.any() else 0.0
+    valid = timing.on_frames(seen)
+    rows = (head, rotation.eye_in_head(head, space), shift, shut)
+    head, gaze, shift, lid = (hold_last(timing.on_frames(each), valid) for each in rows)
+    return Motion.of(timing.fps, head, gaze, translation=shift, lid=lid, valid=valid)
+
+
+@dataclass(frozen=True)
+class PyfeatRows:
+    """Rows of a py-feat table: turns of the head, gaze in space, ARKit's coefficients; timing; which have a face."""
+
+    values: Float[ndarray, "T 57"]
+    seen: Bool[ndarray, " T"]
+    timing: Timing
 
 
 def read_pyfeat(path: Path, fps: float | None = None) -> Motion:
-    """Read a py-feat table; `fps` is that of the video."""
-    table = tables.read(path)
-    if fps is None:
-        raise InputError(f"{path}: should contain the frame rate of its video, got none; set --fps")
-    steps = np.diff(table.column("frame"))
-    if not len(steps) or not (steps == steps[0]).all() or steps[0] <= 0:
-        raise InputError(
-            f"{path}: should hold every frame, or every n-th, of one face, got steps of {np.unique(steps)}"
-        )
-    head = from_euler_yxz(np.stack([-table.column("Yaw"), table.column("Pitch"), table.column("Roll")], axis=1))
-    space = np.stack([table.column("gaze_yaw"), table.column("gaze_pitch")], axis=1)
-    shown = np.stack(
-        [table.column(name) if name in table.names else np.zeros(len(table)) for name in arkit.NAMES], axis=1
-    )
-    decoded = arkit.decoded(shown)
+    """Read a py-feat table; `fps` is that of the video. Frames without a face are interpolated, and not valid."""
+    rows = pyfeat_rows(path, fps)
+    valid = rows.timing.on_frames(rows.seen)
+    turns, space, shown = np.split(interpolate_gaps(rows.timing.on_frames(rows.values), valid), [3, 5], axis=1)
+    head, decoded = from_euler_yxz(turns * [-1.0, 1.0, 1.0]), arkit.decoded(shown)
     return Motion.of(
-        fps / float(steps[0]),
+        rows.timing.fps,
         head,
         rotation.eye_in_head(head, np.repeat(space[:, None], 2, axis=1)),
         lid=decoded.lid,
         jaw=decoded.jaw,
         expression=decoded.expression,
         expression_names=arkit.EXPRESSION,
+        valid=valid,
     )
 
 
-def _held(values: Shaped[ndarray, "T ..."], seen: Bool[ndarray, " T"]) -> Shaped[ndarray, "T ..."]:
-    """Repeat the last valid value in invalid rows (before the first valid one, the first valid value)."""
-    if not seen.any():
-        return values
-    source = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), int(np.argmax(seen))))
-    return np.asarray(values[source])
+def pyfeat_rows(path: Path, fps: float | None) -> PyfeatRows:
+    """The rows of a py-feat table, which are every n-th frame of a video of this rate."""
+    table = tables.read(path)
+    if fps is None:
+        raise InputError(f"{path}: should contain the frame rate of its video, got none; set --fps")
+    numbers = np.rint(table.column("frame")).astype(int)
+    steps = np.diff(numbers)
+    if not len(steps) or steps.min() <= 0:
+        raise InputError(
+            f"{path}: should hold every frame, or every n-th, of one face, got steps of {np.unique(steps)}"
+        )
+    step = int(np.gcd.reduce(steps))
+    angles = table.columns("Yaw", "Pitch", "Roll", "gaze_yaw", "gaze_pitch")
+    values = np.concatenate([angles, table.columns(*arkit.NAMES, absent=0.0)], axis=1)
+    return PyfeatRows(values, np.isfinite(values).all(axis=1), Timing(fps / step, (numbers - numbers[0]) // step))
