@@ -553,7 +553,7 @@ BAD = [
     ("sample.npz", {}, "should contain its frame rate, got none; set --fps"),
     ("sample.npz", {"fps": 5.0}, "fps: should be 10 to 240"),
     ("none.csv", {}, "no such file"),
-    ("letters.csv", {}, "should have columns EyeLookInLeft"),
+    ("letters.csv", {}, "should have shapes of a face (EyeLookInLeft"),
     ("letters.json", {}, "should be JSON with fps, names and coefficients"),
     ("lips.json", {}, "should have coefficients of eyes"),
     ("words.json", {}, "should be numbers, one for each name"),

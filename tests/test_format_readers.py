@@ -333,7 +333,7 @@ def call(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
     ("words", "message"),
     [
         (["none.csv", "-o", "a.npz"], "none.csv: no such file"),
-        (["text.csv", "-o", "a.npz"], "should have columns EyeLookInLeft"),
+        (["text.csv", "-o", "a.npz"], "should have shapes of a face (EyeLookInLeft"),
         (["text.xyz", "-o", "a.npz"], "should end in one of .npz"),
         (["text.glb", "-o", "a.npz"], "should be a binary glTF"),
         (["text.usda", "-o", "a.npz"], "not a readable USD stage"),

@@ -84,7 +84,7 @@ def open_csv(path: Path) -> CsvText:
     with reading(path, "CSV table"):
         content = read_bytes(path, MAX_TABLE_BYTES)
         content = _inflated(content) if path.suffix.lower() == ".gz" else content
-        encoding = _encoding(content)
+        encoding = encoding_of(content)
         lines = list(io.StringIO(content.decode(encoding), newline=""))
         header = next(k for k, line in enumerate(lines) if line.strip(f"{MARK} \r\n"))
         stated = SEPARATOR_LINE.fullmatch(lines[header].lstrip(MARK))
@@ -95,7 +95,8 @@ def open_csv(path: Path) -> CsvText:
         return CsvText(path, encoding, lines, header + bool(stated), delimiter).with_decimal()
 
 
-def _encoding(content: bytes) -> str:
+def encoding_of(content: bytes) -> str:
+    """The encoding of a text; one with a mark is decoded with it, as the first letter."""
     for mark, encoding in MARKS.items():
         if content.startswith(mark):
             return encoding

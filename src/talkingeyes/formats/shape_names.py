@@ -18,10 +18,18 @@ from collections.abc import Sequence
 from talkingeyes.formats import arkit
 from talkingeyes.head.eyelid.blendshapes import LID_SHAPES
 
-AUDIO2FACE_EYES = (
-    *("eyesLookLeft", "eyesLookRight", "eyesLookUp", "eyesLookDown"),
-    *(f"{lid}{side}" for lid in ("eyesClose", "eyesUpperLidRaiser", "squint") for side in "LR"),
-)
+# Audio2Face's own names of eyes, with ARKit's of the same meaning. Its directions are the subject's, of both eyes.
+AUDIO2FACE_EYES = {
+    "eyesLookLeft": ("eyeLookOutLeft", "eyeLookInRight"),
+    "eyesLookRight": ("eyeLookInLeft", "eyeLookOutRight"),
+    "eyesLookUp": ("eyeLookUpLeft", "eyeLookUpRight"),
+    "eyesLookDown": ("eyeLookDownLeft", "eyeLookDownRight"),
+    **{
+        f"{theirs}{side[0]}": (f"{ours}{side}",)
+        for theirs, ours in (("eyesClose", "eyeBlink"), ("eyesUpperLidRaiser", "eyeWide"), ("squint", "eyeSquint"))
+        for side in ("Left", "Right")
+    },
+}
 STANDARD_NAMES = (*arkit.NAMES, *arkit.ANGLES, *AUDIO2FACE_EYES, *LID_SHAPES)
 
 SEPARATOR = re.compile(r"[^a-z0-9]+")

@@ -18,7 +18,7 @@ from talkingeyes.formats.editors.channels import AddedEyes
 from talkingeyes.formats.readers.forward_axis import default_forward_axis
 from talkingeyes.formats.readers.read_motion import read_motion
 
-SUFFIXES = (".csv", ".csv.gz", ".tsv", ".json", ".glb", ".vrma", ".npz", ".npy")
+SUFFIXES = (".csv", ".csv.gz", ".tsv", ".json", ".jsonl", ".glb", ".vrma", ".npz", ".npy")
 
 
 @runtime_checkable
@@ -58,7 +58,7 @@ def open_face_file(path: Path, fps: float | None = None, eyes: str | None = None
     editors: dict[str, Callable[[], Editor]] = {
         "flame": lambda: flame.open_flame_npz(path, own),
         "flame array": lambda: flame.open_flame_array(path, own),
-        "arkit": lambda: json_text.open_json(path),
+        "arkit": lambda: json_text.open_json(path, fps),
         "gltf": lambda: gltf.open_gltf_file(path, own),
     }
     try:

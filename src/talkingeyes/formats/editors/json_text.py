@@ -1,4 +1,4 @@
-"""Edits JSON of coefficients (readers/arkit_json.py): only the numbers of eyes and head change, every other byte stays.
+"""Edits JSON of coefficients (readers/json_layouts.py): only the numbers of eyes and head change, all else stays.
 
 The parser reports numbers in the order of the text, so each number in the parsed content knows its place in the text.
 """
@@ -13,13 +13,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray
 
-from talkingeyes.core.containers import MAX_TEXT_BYTES, parse_json, read_bytes, reading
+from talkingeyes.core.containers import MAX_TEXT_BYTES, read_bytes, reading
 from talkingeyes.core.errors import InputError
+from talkingeyes.formats.csv_text import encoding_of
 from talkingeyes.formats.editors.channels import EYE_NAMES, AddedEyes, channel_names, eye_channels
-from talkingeyes.formats.readers.arkit_json import coefficient_rows
+from talkingeyes.formats.readers.arkit_json import json_timing
+from talkingeyes.formats.readers.json_layouts import coefficient_rows, parse_documents, read_documents
 from talkingeyes.formats.writers.arkit import DIGITS
 
 # A text, to be passed over, or a number.
@@ -34,17 +36,18 @@ class PlacedNumber(float):
 
 @dataclass(frozen=True)
 class JsonFile:
-    """A JSON text, its content with placed numbers, and where each number stands."""
+    """A JSON text, its content with placed numbers, and where each number stands in the text."""
 
     path: Path
     text: str
     content: Any
     spans: list[tuple[int, int]] = field(repr=False)
-    has_mark: bool = False  # a byte order mark
+    frames: Int[ndarray, " R"]  # of the rows
+    encoding: str
 
     @property
     def has_head(self) -> bool:
-        return "head" in self.content
+        return isinstance(self.content, dict) and "head" in self.content
 
     def edited(self, added: AddedEyes) -> bytes:
         """The file with eyes and head."""
@@ -53,11 +56,12 @@ class JsonFile:
         for column, name in enumerate(channel_names(found.names)):
             if name in wanted:
                 numbers = [row[column] for row in found.rows]
-                new |= self._placed(numbers, added.mixed(np.array(numbers, float), wanted[name]))
+                own = np.array(numbers, float)  # None, where a face is lost, becomes NaN
+                new |= self._placed(numbers, added.mixed(own, wanted[name][self.frames]))
         turned = {"eyes": added.motion.gaze.reshape(-1, 3)}
         turned |= {"head": added.motion.head} if added.with_head else {}
         for name, rotations in turned.items():
-            if name in self.content:
+            if isinstance(self.content, dict) and name in self.content:
                 numbers = list(_numbers(self.content[name]))
                 mixed = added.mixed_turns(np.array(numbers, float).reshape(rotations.shape), rotations)
                 new |= self._placed(numbers, mixed.ravel())
@@ -66,21 +70,22 @@ class JsonFile:
             start, stop = self.spans[place]
             parts += [self.text[last:start], json.dumps(round(new[place], DIGITS))]
             last = stop
-        text = "".join([*parts, self.text[last:]])
-        return text.encode("utf-8-sig" if self.has_mark else "utf-8")
+        return "".join([*parts, self.text[last:]]).encode(self.encoding)
 
     def _placed(self, numbers: Sequence[Any], values: Float[ndarray, " N"]) -> dict[int, float]:
-        if not all(isinstance(number, PlacedNumber) for number in numbers):
-            raise InputError(f"{self.path}: rows should be numbers, one for each name")
-        return dict(zip((number.place for number in numbers), values.tolist(), strict=True))
+        if not all(isinstance(number, PlacedNumber) for number in numbers if number is not None):
+            raise InputError(f"{self.path}: rows should be numbers of the JSON itself, one for each name")
+        placed = zip(numbers, values.tolist(), strict=True)
+        return {number.place: value for number, value in placed if number is not None}
 
 
-def open_json(path: Path) -> JsonFile:
+def open_json(path: Path, fps: float | None) -> JsonFile:
     """Open a JSON. Raises InputError (one line) if it is not one of the layouts."""
     with reading(path, "JSON with fps, names and coefficients"):
+        read_documents(path)  # checks the depth
         data = read_bytes(path, MAX_TEXT_BYTES)
-        parse_json(data.decode("utf-8-sig"))  # checks the depth
-        text = data.decode("utf-8-sig")
+        encoding = encoding_of(data)
+        text = data.decode(encoding)
         count = -1
 
         def placed(digits: str) -> PlacedNumber:
@@ -89,14 +94,15 @@ def open_json(path: Path) -> JsonFile:
             number.place = count
             return number
 
-        content = json.loads(text, parse_float=placed, parse_int=placed, parse_constant=_refused)
+        decoder = json.JSONDecoder(parse_float=placed, parse_int=placed, parse_constant=_refused)
+        content = parse_documents(text, decoder)
         spans = [match.span(1) for match in TOKEN.finditer(text) if match[1] is not None]
     found = coefficient_rows(path, content)
     if EYE_NAMES.isdisjoint(channel_names(found.names)):
         raise InputError(
             f"{path}: should have coefficients of eyes (eyeBlinkLeft, ...), got {', '.join(found.names[:5])}"
         )
-    return JsonFile(path, text, content, spans, data.startswith(b"\xef\xbb\xbf"))
+    return JsonFile(path, text, content, spans, json_timing(path, found, fps).frames, encoding)
 
 
 def _numbers(value: Any) -> Iterator[Any]:

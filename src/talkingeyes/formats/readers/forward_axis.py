@@ -10,8 +10,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from talkingeyes.core.containers import read_json, read_npz
+from talkingeyes.core.containers import read_npz
 from talkingeyes.core.motion import CONVENTIONS
+from talkingeyes.formats.readers.json_layouts import read_documents
 
 FORWARD_AXIS_KEY = "forward_axis"
 OPTICAL_FORMATS = ("metrical-tracker", "openface", "map")  # maps start from the conventions of a Motion
@@ -34,8 +35,8 @@ def _stating(path: Path, format: str) -> dict[str, Any]:
     """The part of a file in which it would state its forward axes."""
     if path.suffix.lower() == ".npz":
         return dict(read_npz(path, (FORWARD_AXIS_KEY, "schema"), f"{format} file"))
-    if path.suffix.lower() == ".json":
-        return _object(read_json(path, f"{format} file"))
+    if format == "arkit":
+        return _object(read_documents(path))
     if format == "gltf":
         from talkingeyes.formats.readers.gltf import open_gltf
 

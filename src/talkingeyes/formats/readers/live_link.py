@@ -15,7 +15,8 @@ Audio2Face-3D's client writes the same coefficients without eye angles (`animati
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,13 +30,17 @@ from talkingeyes.fitting.gaps import interpolate_gaps
 from talkingeyes.formats import arkit
 from talkingeyes.formats.readers import tables
 from talkingeyes.formats.readers.clock import Timing, row_timing
+from talkingeyes.formats.readers.noted import NotedMotion, no_place_note
 from talkingeyes.formats.rotations import from_euler_yxz
-from talkingeyes.formats.shape_names import shape_names
+from talkingeyes.formats.shape_names import AUDIO2FACE_EYES, shape_names
 
 ANGLE_SIGNS = np.array([-1.0, 1.0, 1.0])  # of yaw, pitch, roll, from Live Link's to `euler_yxz`
+EYE_TURNS, EYE_ROLLS = [3, 4, 6, 7], [5, 8]  # of the nine angles
 BLENDSHAPE_COUNT = 61
+READ = {*arkit.NAMES, *arkit.ANGLES, *AUDIO2FACE_EYES}
 COUNT_COLUMN = "blendshapecount"  # 0 in rows without a face
 TIME_COLUMNS = ("timecode", "timestamp", "time")
+OTHER_COLUMNS = {*TIME_COLUMNS, COUNT_COLUMN, "", "frame", "framenumber", "index"}  # beside shapes
 MAX_RADIAN_SLOPE = 5.0  # a larger slope (angle per look coefficient) means degrees
 MIN_LOOK_SD = 0.05  # minimum spread of look coefficients that shows the sign
 MIN_CORRELATION = 0.5  # of angles with look coefficients
@@ -49,6 +54,7 @@ class Take:
     angles: Float[ndarray, "T 9"]
     timing: Timing
     seen: Bool[ndarray, " T"]
+    notes: tuple[str, ...] = ()
 
     @property
     def factors(self) -> Float[ndarray, " 9"]:
@@ -58,51 +64,78 @@ class Take:
         return np.asarray(np.concatenate([np.abs(eyes), eyes, eyes]) * np.tile(ANGLE_SIGNS, 3))
 
 
-def read_live_link(path: Path, fps: float | None = None) -> Motion:
+def read_live_link(path: Path, fps: float | None = None) -> NotedMotion:
     """Read a take; frames that are missing or have no values are interpolated, and not valid."""
     take = read_take(path, fps)
+    return NotedMotion(motion_of(take), take.notes)
+
+
+def read_take(path: Path, fps: float | None = None) -> Take:
+    """The rows of a file, as they are. Raises InputError (one line) if it has none of the coefficients."""
+    table = tables.read(path)
+    check_shapes(table.names)
+    plain = [name.rpartition(".")[2].lower() for name in table.names]
+    others = {name for name, key in zip(table.names, plain, strict=True) if key in OTHER_COLUMNS}
+    timed = next((table.names[plain.index(name)] for name in TIME_COLUMNS if name in plain), None)
+    timing = row_timing(() if timed is None else table.texts(timed), len(table), fps)
+    standard = dict(zip(table.names, shape_names(table.names), strict=True))
+    shapes = (name for name in table.names if name not in others)
+    columns = {name: table.column(name) for name in shapes if standard[name] in READ or table.is_numeric(name)}
+    take = take_of(columns, timing)
+    if COUNT_COLUMN not in plain:
+        return take
+    counted = np.nan_to_num(table.column(table.names[plain.index(COUNT_COLUMN)]))
+    return replace(take, seen=take.seen & ((counted > 0) | (counted == 0).all()))
+
+
+def check_shapes(names: Sequence[str]) -> None:
+    """Raises InputError (one line) unless a name is one of a coefficient."""
+    if {*arkit.NAMES, *AUDIO2FACE_EYES}.isdisjoint(shape_names(names)):
+        raise InputError(f"should have shapes of a face (EyeLookInLeft, ...), got {', '.join(names[:5])}, ...")
+
+
+def take_of(columns: Mapping[str, Float[ndarray, " T"]], timing: Timing) -> Take:
+    """The take of columns by their names, NaN where a row has no number."""
+    found = dict(zip(shape_names(list(columns)), columns.values(), strict=True))
+    known = {name: column for name, column in found.items() if name in arkit.NAMES + arkit.ANGLES}
+    for theirs, ours in AUDIO2FACE_EYES.items():
+        known |= {name: found[theirs] for name in ours if theirs in found and name not in found}
+    nothing = np.full(len(timing.frames), np.nan)
+    coefficients, angles = (
+        np.stack([known.get(name, nothing) for name in names], axis=1) for names in (arkit.NAMES, arkit.ANGLES)
+    )
+    seen = np.isfinite(coefficients).any(axis=1)
+    if not seen.any():
+        raise InputError("should have rows with values, got none")
+    coefficients, angles = _without_gaps(coefficients), _without_gaps(angles)
+    lost = [name for name, standard in zip(columns, shape_names(list(columns)), strict=True) if standard not in READ]
+    notes = no_place_note(lost, len(columns))
+    if angles[:, EYE_ROLLS].any() and not angles[:, EYE_TURNS].any():
+        notes += ("the roll of the eyes has no place here",)
+    if angles[:, EYE_TURNS].any() and not _follow_looks(angles, coefficients):
+        angles[:, 3:] = 0.0
+        notes += ("the angles of the eyes do not follow the look coefficients, which are used alone",)
+    return Take(coefficients, angles, timing, seen, notes)
+
+
+def motion_of(take: Take) -> Motion:
+    """The motion of a take."""
     timing = take.timing
     valid = timing.on_frames(take.seen)
     rows = timing.on_frames(np.concatenate([take.coefficients, take.angles * take.factors], axis=1))
     values, angles = np.split(interpolate_gaps(rows, valid), [len(arkit.NAMES)], axis=1)
     decoded = arkit.decoded(values)
-    gaze = from_euler_yxz(angles[:, 3:].reshape(-1, 3)).reshape(-1, 2, 3) if angles[:, 3:].any() else decoded.gaze
+    eyes = from_euler_yxz(angles[:, 3:].reshape(-1, 3)).reshape(-1, 2, 3)
     return Motion.of(
         timing.fps,
         from_euler_yxz(angles[:, :3]),
-        gaze,
+        eyes if angles[:, EYE_TURNS].any() else decoded.gaze,
         lid=decoded.lid,
         jaw=decoded.jaw,
         expression=decoded.expression,
         expression_names=arkit.EXPRESSION,
         valid=valid,
     )
-
-
-def read_take(path: Path, fps: float | None = None) -> Take:
-    """The rows of a file, as they are. Raises InputError (one line) if it has none of the coefficients."""
-    table = tables.read(path)
-    found = dict(zip(shape_names(table.names), table.names, strict=True))
-    if found.keys().isdisjoint(arkit.NAMES):
-        raise InputError(f"{path}: should have columns EyeLookInLeft, ..., got {', '.join(table.names[:5])}, ...")
-    names = (*arkit.NAMES, *arkit.ANGLES)
-    values = np.stack(
-        [table.column(found[name]) if name in found else np.full(len(table), np.nan) for name in names], axis=1
-    )
-    coefficients, angles = np.split(values, [len(arkit.NAMES)], axis=1)
-    plain = [name.rpartition(".")[2].lower() for name in table.names]
-    seen = np.isfinite(coefficients).any(axis=1)
-    if COUNT_COLUMN in plain:
-        counted = np.nan_to_num(table.column(table.names[plain.index(COUNT_COLUMN)]))
-        seen &= (counted > 0) | (counted == 0).all()
-    if not seen.any():
-        raise InputError(f"{path}: should have rows with values, got none")
-    timed = next((table.names[plain.index(name)] for name in TIME_COLUMNS if name in plain), None)
-    timing = row_timing(() if timed is None else table.texts(timed), len(table), fps)
-    coefficients, angles = _without_gaps(coefficients), _without_gaps(angles)
-    if not _follow_looks(angles, coefficients):
-        angles[:, 3:] = 0.0
-    return Take(coefficients, angles, timing, seen)
 
 
 def _without_gaps(values: Float[ndarray, "T C"]) -> Float[ndarray, "T C"]:

@@ -23,11 +23,12 @@ from talkingeyes.core.motion import CONVENTIONS, Motion
 from talkingeyes.formats.readers import tables
 from talkingeyes.formats.readers.forward_axis import default_forward_axis, stated_forward_axis
 from talkingeyes.formats.readers.key_map import KeyMap, read_with_map
+from talkingeyes.formats.readers.noted import NotedMotion
 
-Reader = Callable[[Path, float | None], Motion]
+Reader = Callable[[Path, float | None], Motion | NotedMotion]
 
 SUFFIXES = (
-    *(".npz", ".npy", ".pt", ".pth", ".csv", ".csv.gz", ".tsv", ".frame", ".json"),
+    *(".npz", ".npy", ".pt", ".pth", ".csv", ".csv.gz", ".tsv", ".frame", ".json", ".jsonl"),
     *(".glb", ".vrma", ".usd", ".usda", ".usdc", ".bvh", ".obj", ".ply"),
 )
 MAX_RAD = {"gaze": 1.4, "head": 3.2, "jaw": 1.2}  # larger values are not radians
@@ -65,9 +66,10 @@ def read_motion(
         raise InputError(f"{path}: no such file")
     name, reader = ("map", partial(_mapped, mapping)) if mapping is not None else _reader(path)
     try:
-        motion = reader(path, fps)
+        read = reader(path, fps)
+        motion, said = (read.motion, read.notes) if isinstance(read, NotedMotion) else (read, ())
         forward_axis = check_forward_axis(eyes or default_forward_axis(path, name))
-        notes = check_motion(path, motion)
+        notes = [*said, *check_motion(path, motion)]
         if motion.gaze.any():
             stated = eyes is None and bool(stated_forward_axis(path, name))
             notes.append(f"eyes {'stated' if stated else 'taken'} as {FORWARD_AXIS_NOTES[forward_axis]}")
@@ -125,7 +127,7 @@ def _reader(path: Path) -> tuple[str, Reader]:
     if name.endswith((".csv", ".csv.gz", ".tsv")):
         return _table_reader(path)
     by_suffix: dict[str, tuple[str, Reader]] = {
-        ".json": ("arkit", arkit_json.read_arkit_json),
+        **dict.fromkeys((".json", ".jsonl"), ("arkit", arkit_json.read_arkit_json)),
         ".bvh": ("bvh", bvh.read_bvh),
         ".npy": ("flame array", flame_parameters.read_flame_array),
         ".npz": ("flame", _read_npz),

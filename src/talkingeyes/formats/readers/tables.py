@@ -56,6 +56,13 @@ class Table:
             axis=1,
         )
 
+    def is_numeric(self, name: str) -> bool:
+        """Whether a column holds numbers alone, and at least one."""
+        try:
+            return bool(np.isfinite(self.column(name)).any())
+        except InputError:
+            return False
+
     def texts(self, name: str) -> tuple[str, ...]:
         """Texts of a column."""
         return tuple(pc.utf8_trim(self._named(name), characters=' "').to_pylist())
