@@ -31,6 +31,7 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
 from talkingeyes.formats.editors.channels import eye_channels
 from talkingeyes.formats.readers.read_motion import read_motion
+from talkingeyes.formats.writers.event_keys import detect_events
 from talkingeyes.workflows.add_eyes import EyesAdded, add_eyes
 
 REAL = Path(__file__).resolve().parents[1] / "../shared/data/real/gaze"
@@ -606,6 +607,43 @@ def test_bad_input_is_one_line_and_writes_nothing(
     assert message in str(error.value)
     assert "\n" not in str(error.value)
     assert not list(tmp_path.iterdir())
+
+
+def test_what_is_reported_is_counted_in_the_written_file(
+    place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["add-eyes", str(place / "take.csv"), str(place / "speech.wav"), "--model", str(place / "model")]
+    words += ["--seed", "2", "-o"]
+    assert call(monkeypatch, *words, str(tmp_path / "whole.csv")) == 0
+    found = detect_events(read_motion(tmp_path / "whole.csv").motion)
+    assert found.blinks
+    said = capsys.readouterr().out
+    assert said.endswith(f"3.00 s at 60 fps, {len(found.saccades)} saccades, {len(found.blinks)} blinks\n")
+    assert call(monkeypatch, *words, str(tmp_path / "own.csv"), "--blend", "0") == 0  # the eyes of the file are still
+    assert capsys.readouterr().out.endswith(" 0 blinks\n")
+
+
+def test_frames_without_a_face_are_reported(place: Path, tmp_path: Path) -> None:
+    done = added(place, "live link", tmp_path)
+    assert "1 of 180 frames have no face in the file, and no eyes" in done.notes
+
+
+def test_an_edited_file_that_cannot_be_read_is_not_written(
+    place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("talkingeyes.formats.editors.table.TableFile.edited", lambda *_: b"a,b\n1,2\n")
+    with pytest.raises(InputError, match=r"take\.csv: the edited file: should have shapes of a face"):
+        added(place, "live link", tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_eyes_move_on_a_head_that_has_no_place(place: Path, tmp_path: Path) -> None:
+    """Azure's visemes roll the head; other turns cannot be written there."""
+    rows = [[0.0] * 52 + [0.002 * k, 0.0, 0.0] for k in range(120)]
+    (tmp_path / "a.json").write_text(json.dumps({"FrameIndex": 0, "BlendShapes": rows}))
+    done = add_eyes(tmp_path / "a.json", place / "speech.wav", tmp_path / "b.json", model=place / "model")
+    assert done.notes[-1] == "no place for the head in the file: the eyes move in the head of the file"
+    np.testing.assert_allclose(done.animation.motion.head, read_motion(tmp_path / "a.json").motion.head, atol=1e-9)
 
 
 def test_a_file_in_its_own_place_is_replaced_whole(place: Path, tmp_path: Path) -> None:

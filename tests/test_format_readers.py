@@ -57,7 +57,10 @@ def test_diffposetalk_has_head_and_jaw_in_its_pose(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", shape=small(100), exp=small(9, 50), pose=pose)
     read = read_motion(tmp_path / "a.npz", 25.0)
     np.testing.assert_allclose(np.hstack([read.motion.head, read.motion.jaw]), pose, atol=1e-7)
-    assert read.notes == ("no gaze in the file: the eyes look straight ahead",)
+    assert read.notes == (
+        "1 of 3 arrays has no place here: shape",
+        "no gaze in the file: the eyes look straight ahead",
+    )
 
 
 @pytest.mark.parametrize(("width", "name"), [(53, "emote"), (403, "probtalk3d"), (106, "artalk"), (108, "unils")])

@@ -310,7 +310,17 @@ def test_openface_has_a_frame_a_row(tmp_path: Path, fps: float) -> None:
 def test_openface_may_lose_the_face(tmp_path: Path, cell: str) -> None:
     motion = read_motion(openface(tmp_path / "a.csv", 30.0, (5, 6, 7), cell=cell)).motion
     assert np.flatnonzero(~motion.valid).tolist() == [5, 6, 7]
+    assert "3 of 150 frames have no face: filled in, not valid" in read_motion(tmp_path / "a.csv").notes
     np.testing.assert_array_equal(motion.head[5:8], motion.head[[4, 4, 4]])
+
+
+def test_openface_names_the_action_units_that_are_lost(tmp_path: Path) -> None:
+    path = openface(tmp_path / "a.csv", 30.0)
+    names, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([f"{names}, AU12_r, AU45_r, AU45_c", *(f"{row}, 1.5, 2.5, 1" for row in rows)]))
+    read = read_motion(path)
+    assert read.notes[0] == "2 of 3 action units have no place here: AU12_r, AU45_c"
+    assert (read.motion.lid == 0.5).all()
 
 
 def test_openface_of_two_faces_is_refused(tmp_path: Path) -> None:

@@ -117,3 +117,14 @@ def test_eyes_are_put_under_the_names_of_the_file(tmp_path: Path, file: str) -> 
     read = read_motion(out).motion
     np.testing.assert_allclose(read.lid, done.animation.motion.lid, atol=1e-6)
     assert np.abs(read.gaze).max() > 0.02
+
+
+@pytest.mark.parametrize("file", WRITERS)
+def test_shapes_without_a_place_are_named(tmp_path: Path, file: str) -> None:
+    names = [*arkit.NAMES[:10], *(f"wrinkle{k}" for k in range(24))]
+    path = WRITERS[file](tmp_path / file, names, weights(45, 34))
+    assert read_motion(path).notes[0] == (
+        "24 of 34 shapes have no place here: wrinkle0, wrinkle1, wrinkle2, wrinkle3, wrinkle4, wrinkle5, ..."
+    )
+    path = WRITERS[file](tmp_path / file, list(arkit.NAMES), weights(45, 52))
+    assert not [note for note in read_motion(path).notes if "place" in note]

@@ -94,10 +94,10 @@ def add_eyes(
         eyes=eyes,
         force=force,
     )
-    motion, events = done.animation.motion, done.animation.events
+    motion = done.animation.motion
     typer.echo(
         f"{out}: {done.format}, {motion.seconds:.2f} s at {motion.fps:g} fps, "
-        f"{len(events.saccades)} saccades, {len(events.blinks)} blinks"
+        f"{len(done.events.saccades)} saccades, {len(done.events.blinks)} blinks"
     )
     for note in done.notes:
         typer.echo(f"{out}: note: {note}", err=True)

@@ -20,7 +20,7 @@ from talkingeyes.animation.line_of_sight import check_forward_axis, to_forward_a
 from talkingeyes.audio.waveform import SAMPLE_RATE, SHORTEST_S
 from talkingeyes.core.atomic_file import atomic_write, writing
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.motion import ARRAY_FIELDS, Motion
+from talkingeyes.core.motion import ARRAY_FIELDS, Events, Motion
 from talkingeyes.workflows.animate import (
     DEFAULT_CONTROLS,
     AnimationOptions,
@@ -54,10 +54,14 @@ class EyeOptions:
 
 @dataclass(frozen=True)
 class EyesAdded:
-    """What was written: the format, the sampled animation (a frame for each of the file), and notes about both."""
+    """What was written: the format, the sampled animation (a frame for each of the file), and notes about both.
+
+    `events` are the saccades and blinks that are detected in the written file, read again.
+    """
 
     format: str
     animation: Animation
+    events: Events
     notes: tuple[str, ...]
 
 
@@ -103,6 +107,7 @@ def edit_face(
 ) -> tuple[bytes, EyesAdded]:
     """The content of a file with eyes for a sound of 16 kHz. Raises InputError as `add_eyes` does."""
     from talkingeyes.formats.editors.channels import AddedEyes
+    from talkingeyes.formats.writers.event_keys import detect_events
 
     frames, has_head, rate = len(file.motion), file.editor.has_head, file.motion.fps
     with_head = has_head and not options.keep_head
@@ -116,18 +121,24 @@ def edit_face(
     animation = replace(sampled, motion=sampled.motion.cut(0, frames))
     shown = to_forward_axes(animation.motion, file.forward_axis)
     content = file.editor.edited(AddedEyes(shown, with_head, options.blend))
-    return content, EyesAdded(file.format, animation, notes)
+    written = file.read_back(content)
+    if options.blend > 0 and not (written.gaze.any() or written.lid.any()):
+        notes += ("no eyes are read in the written file: its readers know no place for them",)
+    return content, EyesAdded(file.format, animation, detect_events(written), notes)
 
 
 def _notes(speech_s: float, motion: Motion, has_head: bool) -> tuple[str, ...]:
-    """What is said about a speech of another length (by a frame or more), and about a file without a head."""
+    """What is said about a speech of another length (by a frame or more), frames without a face, and no head."""
     if motion.seconds < SHORTEST_S:
         raise InputError(f"face: should last at least {SHORTEST_S} s, got {motion.seconds:.3f} s")
     notes: tuple[str, ...] = ()
     if abs(speech_s - motion.seconds) >= 1 / motion.fps:
         done = "cut the speech" if speech_s > motion.seconds else "padded the speech with silence"
         notes = (f"the speech lasts {speech_s:.2f} s, the file {motion.seconds:.2f} s: {done}",)
-    return notes if has_head else (*notes, "no place for the head in the file: the eyes move in a still head")
+    if not motion.valid.all():
+        notes += (f"{np.count_nonzero(~motion.valid)} of {len(motion)} frames have no face in the file, and no eyes",)
+    head = "the head of the file" if motion.head.any() else "a still head"
+    return notes if has_head else (*notes, f"no place for the head in the file: the eyes move in {head}")
 
 
 def _with_head_of(motion: Motion, controls: Controls, with_head: bool, has_head: bool) -> Controls:
@@ -135,7 +146,7 @@ def _with_head_of(motion: Motion, controls: Controls, with_head: bool, has_head:
     if with_head:
         return controls
     parts = controls.parts
-    if not has_head:
+    if not has_head and not motion.head.any():
         return replace(controls, parts=replace(parts, disabled=tuple(dict.fromkeys((*parts.disabled, "head")))))
     rows = np.minimum(np.arange(len(motion) + math.ceil(motion.fps)), len(motion) - 1)  # the last frame is held
     held = replace(motion, **{name: getattr(motion, name)[rows] for name in ARRAY_FIELDS})

@@ -66,7 +66,7 @@ ANIMATE_FORMATS = tuple(
 
 @dataclass(frozen=True)
 class ImportedFile:
-    """An imported motion and the name of its file."""
+    """An imported motion, as it is read back from its file, and the name of that."""
 
     name: str
     read: ImportedMotion
@@ -248,20 +248,22 @@ def import_files(
         read = read_motion(path, fps, key_map, eyes)
         done.append(ImportedFile(name, read if expression else replace(read, motion=_without_face(read.motion))))
     with writing(out, "file" if single else "folder"):
-        _save(done, output_path, single)
-    return done
+        return _saved(done, output_path, single)
 
 
-def _save(done: Sequence[ImportedFile], output_path: Path, single: bool) -> None:
+def _saved(done: Sequence[ImportedFile], output_path: Path, single: bool) -> list[ImportedFile]:
     from talkingeyes.core.atomic_file import atomic_write
 
     if single:
         with atomic_write(output_path) as partial:
-            done[0].read.motion.save(partial)
-        return
+            return [_read_back(done[0], partial)]
     with output_folder.atomic_folder(output_path) as folder:
-        for each in done:
-            each.read.motion.save(folder / f"{each.name}.npz")
+        return [_read_back(each, folder / f"{each.name}.npz") for each in done]
+
+
+def _read_back(imported: ImportedFile, path: Path) -> ImportedFile:
+    imported.read.motion.save(path)
+    return replace(imported, read=replace(imported.read, motion=Motion.load(path)))
 
 
 def _without_face(motion: Motion) -> Motion:

@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -16,7 +18,7 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.formats.editors import flame, gltf, json_text, table
 from talkingeyes.formats.editors.channels import AddedEyes
 from talkingeyes.formats.readers.forward_axis import default_forward_axis
-from talkingeyes.formats.readers.read_motion import read_motion
+from talkingeyes.formats.readers.read_motion import ImportedMotion, read_motion
 
 SUFFIXES = (".csv", ".csv.gz", ".tsv", ".json", ".jsonl", ".glb", ".vrma", ".npz", ".npy")
 
@@ -36,13 +38,26 @@ class FaceFile:
     """A file with its editor.
 
     `motion` is what it holds (gaze: optical axes), `format` the name of its format, and `forward_axis` what the forward
-    axes of its eyes are: `visual` or `optical`.
+    axes of its eyes are: `visual` or `optical`. `reader` reads files like it.
     """
 
+    path: Path
     format: str
     motion: Motion
     forward_axis: str
     editor: Editor
+    reader: Callable[[Path], ImportedMotion]
+
+    def read_back(self, content: bytes) -> Motion:
+        """What readers see in the edited file. Raises InputError (one line) if they cannot read it."""
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(folder, self.path.name)
+            copy.write_bytes(content)
+            try:
+                return self.reader(copy).motion
+            except InputError as error:
+                said = str(error).replace(str(copy), "the edited file")
+                raise InputError(f"{self.path}: {said}") from None
 
 
 def open_face_file(path: Path, fps: float | None = None, eyes: str | None = None) -> FaceFile:
@@ -52,7 +67,8 @@ def open_face_file(path: Path, fps: float | None = None, eyes: str | None = None
     """
     if not path.name.lower().endswith(SUFFIXES):
         raise InputError(f"{path}: should end in one of {', '.join(SUFFIXES)}")
-    read = read_motion(path, fps, eyes=eyes)
+    reader = partial(read_motion, fps=fps, eyes=eyes)
+    read = reader(path)
     forward_axis = eyes or default_forward_axis(path, read.format)
     own = to_forward_axes(read.motion, forward_axis)
     editors: dict[str, Callable[[], Editor]] = {
@@ -67,4 +83,4 @@ def open_face_file(path: Path, fps: float | None = None, eyes: str | None = None
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: not a {read.format} file that can be edited ({error!r})") from None
-    return FaceFile(read.format, read.motion, forward_axis, editor)
+    return FaceFile(path, read.format, read.motion, forward_axis, editor, reader)

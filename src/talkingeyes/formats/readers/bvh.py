@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from talkingeyes.core.containers import read_text
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
+from talkingeyes.formats.readers.noted import NotedMotion, no_place_note
 
 CM = 100.0
 JOINT_ALIASES = {
@@ -32,7 +33,7 @@ class JointChannels:
     names: tuple[str, ...]
 
 
-def read_bvh(path: Path, fps: float | None = None) -> Motion:
+def read_bvh(path: Path, fps: float | None = None) -> NotedMotion:
     """Read the motion of the joints of a head. Raises InputError if the file has none."""
     text = read_text(path, "BVH", errors="replace")
     try:
@@ -45,17 +46,17 @@ def read_bvh(path: Path, fps: float | None = None) -> Motion:
             raise ValueError(f"rows of {values.shape} for {len(columns)} joints")
     except (ValueError, IndexError) as error:
         raise InputError(f"{path}: not a readable BVH ({error})") from None
-    found = {
-        ours: next((columns[name] for name in theirs if name in columns), None)
-        for ours, theirs in JOINT_ALIASES.items()
-    }
+    names = {ours: next((name for name in theirs if name in columns), "") for ours, theirs in JOINT_ALIASES.items()}
+    found = {ours: columns.get(name) for ours, name in names.items()}
     if found["head"] is None and found["left_eye"] is None:
         raise InputError(f"{path}: should have a joint head or left_eye, got {', '.join(columns)}")
     turned = {name: _turned(values, each) for name, each in found.items()}
     gaze = np.stack([turned["left_eye"], turned["right_eye"]], axis=1)
-    return Motion.of(
+    motion = Motion.of(
         fps or round(1 / step_s, 3), turned["head"], gaze, translation=_shift(values, found["head"]), jaw=turned["jaw"]
     )
+    lost = [name for name in columns if name not in names.values()]
+    return NotedMotion(motion, no_place_note(lost, len(columns), "joints"))
 
 
 def _columns(hierarchy: str) -> dict[str, JointChannels]:

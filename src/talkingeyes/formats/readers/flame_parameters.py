@@ -19,9 +19,11 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.core.containers import read_npy, read_npz
+from talkingeyes.core.containers import npz_names, read_npy, read_npz
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.motion import Motion
+from talkingeyes.core.motion import CONVENTIONS, Motion
+from talkingeyes.formats.readers.forward_axis import FORWARD_AXIS_KEY
+from talkingeyes.formats.readers.noted import NotedMotion, no_place_note
 from talkingeyes.formats.readers.torch_file import read_torch
 from talkingeyes.formats.rotations import compose_rotations
 
@@ -37,16 +39,19 @@ PARAMETER_ALIASES = {
     "translation": ("translation", "transl"),
     "lid": ("eyelids",),
 }
+METADATA = {*CONVENTIONS, FORWARD_AXIS_KEY, "head_model", "fps"}  # beside the arrays of an npz
 MIN_VERTEX_COLUMNS = 3000  # wider arrays hold vertices
 POSE_KEYS = ("pose",)  # DiffPoseTalk: head and jaw in one array
 EYE_KEYS = ("leye_pose", "reye_pose")  # one array an eye
 
 
-def read_flame_npz(path: Path, fps: float | None = None) -> Motion:
-    """Read an npz of named FLAME parameters."""
+def read_flame_npz(path: Path, fps: float | None = None) -> NotedMotion:
+    """Read an npz of named FLAME parameters; of other arrays, the names are noted."""
     keys = {"fps", *POSE_KEYS, *EYE_KEYS, *(key for keys in PARAMETER_ALIASES.values() for key in keys)}
     content = {name: array for name, array in read_npz(path, keys, "npz").items() if array.dtype.kind in "fiub"}
-    return motion_from_arrays(path, content, fps)
+    names = [name for name in npz_names(path, "npz") if name not in METADATA]
+    lost = [name for name in names if name not in keys]
+    return NotedMotion(motion_from_arrays(path, content, fps), no_place_note(lost, len(names), "arrays"))
 
 
 def read_flame_array(path: Path, fps: float | None = None) -> Motion:

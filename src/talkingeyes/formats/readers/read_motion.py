@@ -112,6 +112,8 @@ def check_motion(path: Path, motion: Motion) -> list[str]:
         notes.append(
             f"the left eye looks {apart:.1f} degrees left of the right one on average; check the order of the eyes"
         )
+    if not motion.valid.all():
+        notes.append(f"{np.count_nonzero(~motion.valid)} of {len(motion)} frames have no face: filled in, not valid")
     if not motion.gaze.any():
         notes.append("no gaze in the file: the eyes look straight ahead")
     return notes
@@ -153,7 +155,7 @@ def _table_reader(path: Path) -> tuple[str, Reader]:
     return "livelink", read_live_link
 
 
-def _read_npz(path: Path, fps: float | None) -> Motion:
+def _read_npz(path: Path, fps: float | None) -> Motion | NotedMotion:
     from talkingeyes.formats.readers.flame_parameters import read_flame_npz
 
     ours = str(read_npz(path, ["schema"], "npz").get("schema")) == CONVENTIONS["schema"]

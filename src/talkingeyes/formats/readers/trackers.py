@@ -12,6 +12,7 @@ other coefficients.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,6 +29,7 @@ from talkingeyes.fitting.gaps import hold_last, interpolate_gaps
 from talkingeyes.formats import arkit
 from talkingeyes.formats.readers import tables
 from talkingeyes.formats.readers.clock import Timing, row_timing
+from talkingeyes.formats.readers.noted import NotedMotion, no_place_note
 from talkingeyes.formats.rotations import from_euler_yxz
 
 TURNS, PLACE = (tuple(f"pose_{kind}{axis}" for axis in "xyz") for kind in "RT")
@@ -37,7 +39,7 @@ MAX_AU = 5.0
 MM = 1e-3
 
 
-def read_openface_motion(path: Path, fps: float | None = None) -> Motion:
+def read_openface_motion(path: Path, fps: float | None = None) -> NotedMotion:
     """Read an OpenFace table; missing or unreliable frames repeat the value before."""
     table = tables.read(path)
     faces = set(table.texts("face_id")) if "face_id" in table.names else {""}
@@ -57,25 +59,27 @@ def read_openface_motion(path: Path, fps: float | None = None) -> Motion:
     valid = timing.on_frames(seen)
     rows = (head, rotation.eye_in_head(head, space), shift, shut)
     head, gaze, shift, lid = (hold_last(timing.on_frames(each), valid) for each in rows)
-    return Motion.of(timing.fps, head, gaze, translation=shift, lid=lid, valid=valid)
+    motion = Motion.of(timing.fps, head, gaze, translation=shift, lid=lid, valid=valid)
+    return NotedMotion(motion, _action_units(table, "AU45_r"))
 
 
 @dataclass(frozen=True)
 class PyfeatRows:
     """Rows of a py-feat table: turns of the head, gaze in space, ARKit's coefficients; timing; which have a face."""
 
+    table: tables.Table
     values: Float[ndarray, "T 57"]
     seen: Bool[ndarray, " T"]
     timing: Timing
 
 
-def read_pyfeat(path: Path, fps: float | None = None) -> Motion:
+def read_pyfeat(path: Path, fps: float | None = None) -> NotedMotion:
     """Read a py-feat table; `fps` is that of the video. Frames without a face are interpolated, and not valid."""
     rows = pyfeat_rows(path, fps)
     valid = rows.timing.on_frames(rows.seen)
     turns, space, shown = np.split(interpolate_gaps(rows.timing.on_frames(rows.values), valid), [3, 5], axis=1)
     head, decoded = from_euler_yxz(turns * [-1.0, 1.0, 1.0]), arkit.decoded(shown)
-    return Motion.of(
+    motion = Motion.of(
         rows.timing.fps,
         head,
         rotation.eye_in_head(head, np.repeat(space[:, None], 2, axis=1)),
@@ -85,6 +89,12 @@ def read_pyfeat(path: Path, fps: float | None = None) -> Motion:
         expression_names=arkit.EXPRESSION,
         valid=valid,
     )
+    return NotedMotion(motion, _action_units(rows.table))
+
+
+def _action_units(table: tables.Table, *read: str) -> tuple[str, ...]:
+    found = [name for name in table.names if re.match(r"AU\d", name)]
+    return no_place_note([name for name in found if name not in read], len(found), "action units")
 
 
 def pyfeat_rows(path: Path, fps: float | None) -> PyfeatRows:
@@ -101,4 +111,6 @@ def pyfeat_rows(path: Path, fps: float | None) -> PyfeatRows:
     step = int(np.gcd.reduce(steps))
     angles = table.columns("Yaw", "Pitch", "Roll", "gaze_yaw", "gaze_pitch")
     values = np.concatenate([angles, table.columns(*arkit.NAMES, absent=0.0)], axis=1)
-    return PyfeatRows(values, np.isfinite(values).all(axis=1), Timing(fps / step, (numbers - numbers[0]) // step))
+    return PyfeatRows(
+        table, values, np.isfinite(values).all(axis=1), Timing(fps / step, (numbers - numbers[0]) // step)
+    )
