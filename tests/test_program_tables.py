@@ -60,6 +60,8 @@ FORMS: dict[str, Callable[[list[list[str]]], bytes]] = {
     "UTF-16 without a mark": lambda rows: written(rows).encode("utf-16-le"),
     "Latin-1": lambda rows: written(accented(rows), ";").encode("latin-1"),
     "no end of the last line": lambda rows: written(rows).rstrip("\n").encode(),
+    "a delimiter at the ends of rows": lambda rows: written(rows).replace("\n", ",\n").replace(",\n", "\n", 1).encode(),
+    "a delimiter at all ends": lambda rows: written(rows, ";").replace("\n", ";\n").encode(),
     "empty lines": lambda rows: written(rows).replace("\n", "\n\n").encode(),
 }
 
@@ -107,6 +109,13 @@ def test_a_table_of_lips_is_read_and_has_no_place_for_eyes(tmp_path: Path) -> No
     assert read_motion(path).motion.jaw[:, 0].max() > 0.1
     with pytest.raises(InputError, match=r"lips\.csv: should have columns of eyes \(EyeBlinkLeft, \.\.\.\), got Timec"):
         open_face_file(path)
+
+
+def test_a_cell_with_a_quote_inside_is_a_one_line_error(tmp_path: Path) -> None:
+    text = written(take(), quoting=csv.QUOTE_ALL)
+    (tmp_path / "a.csv").write_text(text.replace('"0.', '"0."', 1))
+    with pytest.raises(InputError, match=r"a\.csv: cells should hold numbers, got"):
+        edited(tmp_path / "a.csv")
 
 
 def test_a_column_that_starts_with_zeros_may_hold_fractions(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from talkingeyes.core.containers import MAX_COLUMNS, MAX_TABLE_BYTES, read_bytes, reading
+from talkingeyes.core.errors import InputError
 
 MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
 MARK = "\ufeff"
@@ -59,9 +60,12 @@ class CsvText:
         return re.findall(rf'((?:"[^"]*"|[^"{end}])*){end}', line + self.delimiter)
 
     def number(self, raw: str) -> float:
-        """The number in a raw cell, NaN if it has none."""
+        """The number in a raw cell, NaN if it has none. Raises InputError (one line) for another text."""
         text = raw.strip(' "\t\r\n').replace(self.decimal, ".")
-        return float("nan" if text in NOTHING else text)
+        try:
+            return float("nan" if text in NOTHING else text)
+        except ValueError:
+            raise InputError(f"{self.path}: cells should hold numbers, got {text!r}") from None
 
     def with_number(self, raw: str, number: str) -> str:
         """A raw cell with another number in its quotes and spaces; `number` has a decimal point."""

@@ -54,7 +54,7 @@ class TableFile:
         rows = np.array([k for k, line in enumerate(lines) if k > table.header and line.strip()])[self.seen]
         cells = [table.raw_cells(lines[row]) for row in rows]
         for row, each in zip(rows, cells, strict=True):
-            if len(each) != len(self.names):
+            if len(each) < len(self.names):
                 raise InputError(f"{table.path}: line {row + 1} should have {len(self.names)} cells, got {len(each)}")
         for place, name in enumerate(self.names) if added.share > 0 else ():
             if name in wanted and name not in kept:

@@ -17,6 +17,8 @@ from talkingeyes.core.containers import reading
 from talkingeyes.core.errors import InputError
 from talkingeyes.formats.csv_text import NOTHING, open_csv
 
+LINE_END = "\r\n"
+
 
 @dataclass(frozen=True)
 class Table:
@@ -80,9 +82,7 @@ def read(path: Path) -> Table:
     if not rows:
         raise InputError(f"{path}: should have rows, got none")
     with reading(path, "CSV table"):
-        width = len(names) - 1
-        short = (table.delimiter * (width - row.count(table.delimiter)) for row in rows)
-        whole = "".join(row.rstrip("\r\n") + missing + "\n" for row, missing in zip(rows, short, strict=True))
+        whole = "".join(f"{_even(row.rstrip(LINE_END), len(names), table.delimiter)}\n" for row in rows)
         content = csv.read_csv(
             io.BytesIO(whole.encode()),
             csv.ReadOptions(column_names=names),
@@ -90,3 +90,9 @@ def read(path: Path) -> Table:
             csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
         )
     return Table(path, content, table.decimal)
+
+
+def _even(row: str, width: int, delimiter: str) -> str:
+    """A row with as many cells as there are names: short rows have none at the end, others end in a delimiter."""
+    missing = width - 1 - row.count(delimiter)
+    return row.removesuffix(delimiter) if missing < 0 else row + missing * delimiter
