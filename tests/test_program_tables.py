@@ -6,6 +6,7 @@ import csv
 import gzip
 import io
 from collections.abc import Callable
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -166,6 +167,9 @@ TIMES: dict[str, tuple[list[str], float]] = {
     "an own rate": (rounded(27.3, 4), 27.3),
     "clock 30": (clock(30.0), 30.0),
     "clock 25": (clock(25.0), 25.0),
+    "dates": ([f"2026-05-01T12:{k // 1500:02d}:{k / 25 % 60:06.3f}Z" for k in range(90)], 25.0),
+    "durations of Python": ([str(timedelta(microseconds=round(k * 1e6 / 30))) for k in range(90)], 30.0),
+    "whole seconds": ([f"12:00:{k // 30:02d}" for k in range(300)], 30.0),
     "code 25": (codes(25, range(60)), 25.0),
     "code 24": (codes(24, range(5, 90)), 24.0),
     "code 30": (codes(30, range(90)), 30.0),
@@ -224,7 +228,8 @@ def test_with_fps_rows_are_frames() -> None:
         (["soon"] * 9, "should hold time codes like 18:48:59:39.473 or seconds, got 'soon'; set --fps"),
         (["5"] * 9, "times should rise"),
         ([str(9 - k / 30) for k in range(9)], "times should rise"),
-        ([str(k) for k in range(9)], "should give a rate of 5 to 400 fps, got steps of 1; set --fps"),
+        ([str(k) for k in range(9)], "should give a rate of 5 to 400 fps, got 1; set --fps"),
+        ([f"00:00:{k:02d}" for k in range(9)], "should give a rate of 5 to 400 fps, got 1; set --fps"),
         (codes(30, range(9)), "the rate should follow from time codes of more than a second; set --fps"),
         (["00:00:00:500", "00:00:01:600"], "time codes should count at most 240 frames a second, got 600"),
     ],
@@ -328,7 +333,7 @@ def test_openface_names_the_action_units_that_are_lost(tmp_path: Path) -> None:
     names, *rows = path.read_text().splitlines()
     path.write_text("\n".join([f"{names}, AU12_r, AU45_r, AU45_c", *(f"{row}, 1.5, 2.5, 1" for row in rows)]))
     read = read_motion(path)
-    assert read.notes[0] == "2 of 3 action units have no place here: AU12_r, AU45_c"
+    assert read.notes[0] == "1 of 3 action units has no place here: AU12_r"
     assert (read.motion.lid == 0.5).all()
 
 

@@ -1,7 +1,7 @@
 """The frame rate of a table and the frame of each of its rows, from the times that programs write.
 
     0.033                        seconds, usually rounded (also in ms, us or ns)
-    18:48:59.100                 hours, minutes, seconds
+    18:48:59.100                 hours, minutes, seconds; also with a date
     18:48:59:02, :02.500, ;02    time codes: the last number counts frames; after `;` it leaves out some (drop-frame)
     00:00:00:02.002              Face_Landmark_Link: the thousandths count frames from the start of the video
 
@@ -21,7 +21,7 @@ from numpy import ndarray
 from talkingeyes.core.errors import InputError
 
 SECONDS = re.compile(r"\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?")
-CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d+[.,]\d{3,})")
+CLOCK = re.compile(r"(?:\d+-\d+-\d+[T ])?(?:(\d+):)?(\d+):(\d+(?:[.,]\d{3,})?)(?:Z|[+-]\d\d:?\d\d)?")
 TIMECODE = re.compile(r"(\d+):(\d+):(\d+)([:;.,])(\d+(?:[.,]\d+)?)")
 CODE_RATES = (24, 25, 30, 48, 50, 60, 72, 90, 100, 120, 240)  # frames that time codes count in a second
 NTSC = 1000 / 1001
@@ -82,6 +82,8 @@ def timing_of_times(times_s: Float[ndarray, " T"]) -> Timing:
     deviation = float(np.abs(steps - counts / rate).max())
     nearest = min(USUAL_RATES, key=lambda usual: abs(usual - rate))
     rate = nearest if abs(nearest / rate - 1) < RATE_TOLERANCE + deviation / span else round(rate, 3)
+    if not MIN_FPS <= rate <= MAX_FPS:
+        raise InputError(f"times should give a rate of {MIN_FPS:g} to {MAX_FPS:g} fps, got {rate:g}; set --fps")
     frames, early = [0], EARLY if even else 2 - UNEVEN
     for time in ((times_s[1:] - times_s[0]) * rate).tolist():
         frames.append(frames[-1] + max(int(time - frames[-1] + early), 1))
@@ -91,11 +93,7 @@ def timing_of_times(times_s: Float[ndarray, " T"]) -> Timing:
 def _seconds(codes: Sequence[re.Match[str]]) -> Timing:
     times = np.array([_number(code[0]) for code in codes])
     step = float(times[-1] - times[0]) / (len(times) - 1)
-    unit = next((unit for unit in UNITS if MIN_FPS <= unit / step <= MAX_FPS), None) if step > 0 else 1.0
-    if unit is None:
-        raise InputError(
-            f"times should give a rate of {MIN_FPS:g} to {MAX_FPS:g} fps, got steps of {step:g}; set --fps"
-        )
+    unit = next((unit for unit in UNITS if MIN_FPS * step <= unit <= MAX_FPS * step), 1.0)
     return timing_of_times(times / unit)
 
 

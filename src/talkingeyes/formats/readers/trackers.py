@@ -60,7 +60,7 @@ def read_openface_motion(path: Path, fps: float | None = None) -> NotedMotion:
     rows = (head, rotation.eye_in_head(head, space), shift, shut)
     head, gaze, shift, lid = (hold_last(timing.on_frames(each), valid) for each in rows)
     motion = Motion.of(timing.fps, head, gaze, translation=shift, lid=lid, valid=valid)
-    return NotedMotion(motion, _action_units(table, "AU45_r"))
+    return NotedMotion(motion, _action_units(table, "AU45_r", "AU45_c"))
 
 
 @dataclass(frozen=True)
