@@ -1,5 +1,7 @@
 """From frames to clips without a network: shots, crops, resampling, selection, ledgers, names."""
 
+import os
+import unicodedata
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -9,6 +11,7 @@ import pytest
 import yaml
 
 from talkingeyes.core.errors import InputError
+from talkingeyes.corpus.index import read_index, write_index
 from talkingeyes.head.landmark_definitions import LANDMARK_NAMES
 from talkingeyes.head.landmarks import head_to_scene, landmarks, pupil_centres
 from talkingeyes.tracking import journal
@@ -23,6 +26,7 @@ from talkingeyes.tracking.shots import Shot, TrackedFrame, detect_shots
 from talkingeyes.tracking.sources import find_videos
 from talkingeyes.tracking.video import Frame, rotate_upright
 from talkingeyes.tracking.visibility import relative_difference, self_occluded
+from talkingeyes.workflows.track import index_rows
 
 GOOD = ShotQuality(8.0, 0.0, 150.0, 0.3, 0.0, 5.0, 0.0, -15.0, 0.8, 0.4)
 SETTINGS = TrackSettings.model_validate(
@@ -266,6 +270,48 @@ def test_names_and_speakers_come_from_the_path_or_a_map(tmp_path: Path):
     with pytest.raises(InputError, match="got another video solo"):
         (tmp_path / "id1" / "solo.mkv").touch()
         find_videos([tmp_path / "solo.mkv", tmp_path / "id1" / "solo.mkv"], None)
+
+
+NAMES = {  # of videos, and of the speakers that they have without a map
+    "Anna Maria/take 1.mp4": "Anna Maria",
+    "Anna-Maria/take 1.mp4": "Anna-Maria",
+    "Anna+Maria/take 1.mp4": "Anna+Maria",
+    "Anna, Maria/take 1.mp4": "Anna, Maria",
+    "Jürgen/a=b [x].mp4": "Jürgen",
+    "--x/-.mp4": "--x",
+    "Мария Анна/видео.mp4": "Мария Анна",
+    "高橋 さん.mp4": "高橋 さん",
+    "talk.v2.mp4": "talk.v2",
+    "!!!.mp4": "!!!",
+    "?.mp4": "?",
+}
+
+
+def test_a_corpus_of_videos_with_any_names_is_readable(tmp_path: Path):
+    latin1 = os.fsdecode(b"M\xfcller 1.mp4")  # of an old archive
+    for name in (*NAMES, latin1):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    found = find_videos([tmp_path], None)
+    assert found == find_videos([tmp_path], None)
+    index_path = tmp_path / "clips.parquet"
+    write_index(
+        index_path, index_rows([VideoResult(each, (entry(f"{each.id}-0000"),), 8.0, "") for each in found], SETTINGS)
+    )
+    clips = read_index(index_path)
+    assert [clip.speaker_name for clip in clips] == [each.speaker_name for each in found]
+    assert {each.name: each.speaker_name for each in found} == NAMES | {r"M\xfcller 1.mp4": r"M\xfcller 1"}
+    assert len({clip.id for clip in clips}) == len({clip.speaker for clip in clips}) == len(found)
+    kept = ("Anna-Maria", "Anna+Maria", "Jürgen", "talk.v2")
+    assert all((clip.speaker == clip.speaker_name) == (clip.speaker_name in kept) for clip in clips)
+
+
+def test_a_map_finds_names_however_their_umlauts_are_written(tmp_path: Path):
+    (tmp_path / unicodedata.normalize("NFD", "Jürgen.mp4")).touch()
+    speakers = tmp_path / "map.csv"
+    speakers.write_text("video,speaker\nJürgen.mp4,Jürgen Groß\n")
+    (source,) = find_videos([tmp_path], speakers)
+    assert (source.speaker_name, source.speaker.rpartition("-")[0]) == ("Jürgen Groß", "Jürgen-Groß")
 
 
 def test_the_yield_counts_everything_once(tmp_path: Path):

@@ -188,11 +188,13 @@ def read_csv(path: Path, text_columns: Sequence[str] = ()) -> pa.Table:
         return table
 
 
-def read_parquet(path: Path, columns: Sequence[str], what: str) -> list[dict[str, Any]]:
-    """The rows of a parquet of plain values. Raises InputError (one line), also if a column is missing."""
+def read_parquet(path: Path, columns: Sequence[str], what: str, optional: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """The rows of a parquet of plain values. Raises InputError (one line), also if one of `columns` is missing."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    with reading(path, what):
+        columns = [*columns, *(name for name in optional if name in pq.read_schema(path).names)]
     with reading(path, what), pq.ParquetFile(path, read_dictionary=columns) as file:
         declared = file.metadata
         if declared.num_rows > MAX_ROWS:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -12,16 +11,19 @@ import pyarrow.parquet as pq
 
 from talkingeyes.core.containers import read_parquet
 from talkingeyes.core.errors import InputError
+from talkingeyes.core.file_name import FILE_NAME
 
 SPLITS = ("train", "val", "test", "unseen")
-# These become names of files: no separators, no leading dot.
-FILE_NAME = re.compile(r"\w[\w.+-]*")
 FILE_COLUMNS = ("id", "sound", "speaker")
+GIVEN_NAME = "speaker_name"  # the column of tracked corpora alone
 
 
 @dataclass(frozen=True)
 class Clip:
-    """One take of one sound. `unseen` is the split of the speakers excluded from training."""
+    """One take of one sound. `unseen` is the split of the speakers excluded from training.
+
+    `speaker_name` is the name of the speaker as it was given to `track`; empty in other corpora.
+    """
 
     id: str
     sound: str
@@ -37,16 +39,19 @@ class Clip:
     source: str
     licence: str
     content_hash: str
+    speaker_name: str = ""
 
 
 def write_index(path: Path, clips: Iterable[Clip]) -> None:
     """Write clips as parquet, in the order given."""
-    pq.write_table(pa.Table.from_pylist([asdict(clip) for clip in clips]), path)
+    table = pa.Table.from_pylist([asdict(clip) for clip in clips])
+    pq.write_table(table if any(table[GIVEN_NAME].to_pylist()) else table.drop_columns(GIVEN_NAME), path)
 
 
 def read_index(path: Path) -> list[Clip]:
     """Read clips.parquet. Raises InputError if it is missing, not parquet, lacks a column, or has an unsafe name."""
-    clips = [Clip(**row) for row in read_parquet(path, [field.name for field in fields(Clip)], "corpus index")]
+    required = [field.name for field in fields(Clip) if field.name != GIVEN_NAME]
+    clips = [Clip(**row) for row in read_parquet(path, required, "corpus index", optional=(GIVEN_NAME,))]
     for clip in clips:
         for column in FILE_COLUMNS:
             if not FILE_NAME.fullmatch(name := str(getattr(clip, column))):

@@ -264,6 +264,7 @@ def _row(source: VideoSource, entry: ShotRecord, split: str, settings: TrackSett
         source=settings.source,
         licence=settings.licence,
         content_hash=entry.content_hash,
+        speaker_name=source.speaker_name,
     )
 
 
