@@ -8,6 +8,8 @@ corpus ?=
 fit ?=
 workspace ?= .
 videos ?= ../shared/data/real/video
+# The value of a variable for the shell, whatever characters are in it.
+quoted = '$(subst ','\'',$(value $(1)))'
 
 # One thread a process (work is parallel over processes), and no telemetry of any dependency.
 export OMP_NUM_THREADS := 1
@@ -83,11 +85,11 @@ report: repro  ## Then the other models, the face, what speech tells them, and d
 	@cat data/report/summary.txt
 
 # Composing conf/ takes seconds, so it is done only if conf/, params.yaml or the choice of the corpus has changed.
-CONF_STATE = cat $$(find conf -name '*.yaml' | sort) params.yaml | sha256sum; echo "$(corpus) $(fit)"
+CONF_STATE = cat $$(find conf -name '*.yaml' | sort) params.yaml | sha256sum; echo $(call quoted,corpus) $(call quoted,fit)
 
 params: setup  ## Write params.yaml from conf/
 	@test "$$($(CONF_STATE))" = "$$(cat $(VENV)/.params 2>/dev/null)" || { \
-		$(BIN)/python -m pipelines.params $(if $(corpus),corpus=$(corpus)) $(if $(fit),fit=$(fit)) && \
+		$(BIN)/python -m pipelines.params $(if $(corpus),corpus=$(call quoted,corpus)) $(if $(fit),fit=$(call quoted,fit)) && \
 		{ $(CONF_STATE); } > $(VENV)/.params; }
 
 test: setup  ## Run the tests that take less than some five seconds each, with the tiny chain
@@ -117,8 +119,8 @@ wheel: setup  ## Build dist/talkingeyes-*.whl, with the packaged models and the 
 
 packaged-models: models ?= data/train
 packaged-models: setup  ## Put trained default models into the package: those of make report, or models=DIR
-	$(BIN)/talkingeyes pack $(models)/talkingeyes_events -o src/talkingeyes/animation/assets/talkingeyes.safetensors --half-precision --force
-	$(BIN)/talkingeyes pack $(models)/talkingeyes_live -o src/talkingeyes/animation/assets/talkingeyes_live.safetensors --no-face --half-precision --force
+	$(BIN)/talkingeyes pack $(call quoted,models)/talkingeyes_events -o src/talkingeyes/animation/assets/talkingeyes.safetensors --half-precision --force
+	$(BIN)/talkingeyes pack $(call quoted,models)/talkingeyes_live -o src/talkingeyes/animation/assets/talkingeyes_live.safetensors --no-face --half-precision --force
 
 # Two models train at once, each in a workspace of its own, with one store of results.
 RELEASE = $(BIN)/python -m pipelines.experiment experiment=release_models result_store=build/release/store
@@ -141,16 +143,16 @@ tables: setup  ## TalkingEyes Tables III, V, VI and VII and their claims on thre
 	$(BIN)/python -m pipelines.tables $(if $(tables),tables=$(tables)) $(if $(seeds),seeds=$(seeds))
 
 reference-ranges: setup  ## How eyes, head, lids and jaw of the corpus move, beside reference ranges of people. Another: corpus=DIR
-	$(BIN)/python -m pipelines.reference_ranges $(corpus)
+	$(BIN)/python -m pipelines.reference_ranges $(if $(corpus),$(call quoted,corpus))
 
 real-videos: setup  ## Track and fit real videos and print the results. Your own: make real-videos videos=DIR
-	$(BIN)/python -m pipelines.real_videos $(videos)
+	$(BIN)/python -m pipelines.real_videos $(call quoted,videos)
 
 ui: setup  ## Register the default model; compare runs in the browser, at 127.0.0.1:5000. make ui workspace=build/tiny
-	@$(BIN)/python -m pipelines.register_model $(workspace)
-	@$(BIN)/python -m talkingeyes.orchestration.mlflow_view $(workspace) 127.0.0.1:5000
+	@$(BIN)/python -m pipelines.register_model $(call quoted,workspace)
+	@$(BIN)/python -m talkingeyes.orchestration.mlflow_view $(call quoted,workspace) 127.0.0.1:5000
 	MLFLOW_SERVER_ENABLE_JOB_EXECUTION=false $(BIN)/mlflow ui --host 127.0.0.1 --port 5000 \
-		--backend-store-uri sqlite:///$(abspath $(workspace))/mlflow.db
+		--backend-store-uri sqlite:///"$$(realpath -m $(call quoted,workspace))"/mlflow.db
 
 docs: setup  ## Build the docs site: build/site/index.html
 	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --no-deps -r docs/requirements.lock

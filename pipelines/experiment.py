@@ -20,7 +20,13 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.orchestration.config import CONFIG_DIR, one_line_hydra_errors, validate_config, write_params
+from talkingeyes.orchestration.config import (
+    CONFIG_DIR,
+    one_line_hydra_errors,
+    quote_texts,
+    validate_config,
+    write_params,
+)
 from talkingeyes.orchestration.mlflow_logging import log_run
 from talkingeyes.orchestration.result_store import StoredResult, get_or_run, link_output
 from talkingeyes.orchestration.run import MethodResult, Report, Workspace, parallel_backend, run_command
@@ -151,9 +157,10 @@ def main() -> None:
     from pipelines.optuna_study import prepare, silence_warnings, write_results
 
     silence_warnings()
-    arguments = sys.argv[1:]
+    is_sweep = bool({"-m", "--multirun"} & set(sys.argv[1:]))
+    arguments = quote_texts(sys.argv[1:], sweep=is_sweep)
     overrides = [each for each in arguments if not each.startswith("-")]
-    if not {"-m", "--multirun"} & set(arguments):
+    if not is_sweep:
         return run_hydra(arguments)
     study = prepare(overrides)
     if study is None:

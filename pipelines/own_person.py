@@ -61,7 +61,7 @@ better than a random one). 95 % intervals over the clips of the last part; with 
 
 def main() -> None:
     """Train the models, measure them and write the page."""
-    if not (arguments := sys.argv[1:]) or "=" in arguments[0]:
+    if not (arguments := sys.argv[1:]) or ("=" in arguments[0] and not Path(arguments[0]).exists()):
         raise InputError("CORPUS: should be a folder of `talkingeyes track`, got none")
     params = compose(["experiment=own_person", f"corpus={Path(arguments[0]).resolve()}", *arguments[1:]])
     workspace = Workspace(Path(params["workspace"]), params)

@@ -92,7 +92,10 @@ def main() -> None:
 
 def with_experiment(overrides: Sequence[str]) -> list[str]:
     """Overrides of conf/, with experiment=posegan unless they have another experiment."""
-    return [*([] if any("experiment=" in each for each in overrides) else ["experiment=posegan"]), *overrides]
+    return [
+        *([] if any(each.lstrip("+").startswith("experiment=") for each in overrides) else ["experiment=posegan"]),
+        *overrides,
+    ]
 
 
 def _params(workspace: Path, conf: Sequence[str], seed: int, models: Sequence[str]) -> dict[str, Any]:

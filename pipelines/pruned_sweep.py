@@ -27,7 +27,7 @@ from pipelines.optuna_study import (
     write_results,
 )
 from talkingeyes.core.errors import InputError
-from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.config import compose, quote_texts
 from talkingeyes.orchestration.run import run_command
 
 STARTUP_TRIALS = 4  # trials with a score at a step before any is pruned there
@@ -39,7 +39,7 @@ def main() -> None:
     import joblib
 
     silence_warnings()
-    overrides = sys.argv[1:]
+    overrides = quote_texts(sys.argv[1:], sweep=True)
     study = prepare(overrides)
     if study is None:
         raise InputError("sweep: should be a search of Optuna with a storage, such as sweep=free_running")

@@ -14,6 +14,7 @@ import pipelines.experiment
 import pipelines.pruned_sweep
 from pipelines.optuna_study import prepare, storage
 from talkingeyes.core.errors import InputError
+from talkingeyes.orchestration.config import compose, quote_texts
 
 # The old distribution names of Optuna, which Hydra's sweeper uses.
 pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning")
@@ -26,6 +27,48 @@ def run(monkeypatch, *arguments):
     """Run the command in this process."""
     monkeypatch.setattr(sys, "argv", ["experiment", *arguments])
     pipelines.experiment.main()
+
+
+PATHS = ["a=b", "two words", "Jürgen", "動画", "a,b", "[x] (1)", "{a: 1}", "2024", "null", "a'b", 'a"b\\', "~#!&;%$x"]
+
+
+def test_paths_with_any_characters_are_composed():
+    for corpus, workspace, study, licence in zip(*[iter(PATHS)] * 4, strict=True):
+        texts = [f"corpus=/data/{corpus}", f"workspace={workspace}", f"study={study}", f"track.licence={licence}"]
+        params = compose(texts)
+        found = params["corpus"], params["workspace"], params["study"], params["track"]["licence"]
+        assert found == (f"/data/{corpus}", workspace, study, licence)
+        assert params["result_store"] == f"{workspace}/store"
+    assert quote_texts(["corpus='quoted for Hydra'"]) == ["corpus='quoted for Hydra'"]
+
+
+def test_an_experiment_gets_a_path_with_any_characters(tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        pipelines.experiment, "run_pipeline", lambda params, view, *_: seen.append((params, view)) or []
+    )
+    folder = tmp_path / "a=b, [c] Jürg's"
+    run(monkeypatch, f"workspace={folder}", f"corpus={folder / 'x'}")
+    ((params, view),) = seen
+    assert (params["workspace"], params["corpus"], view) == (str(folder), str(folder / "x"), folder)
+
+
+def test_in_a_sweep_several_values_are_a_path_only_if_it_exists(tmp_path):
+    (tmp_path / "a,b").mkdir()
+    overrides = [f"corpus={tmp_path}/a,{tmp_path}/b", f"corpus={tmp_path}/a,b", "corpus=c=d", "train.seed=0,1"]
+    assert quote_texts(overrides, sweep=True) == [
+        overrides[0],
+        f"corpus='{tmp_path}/a,b'",
+        "corpus='c=d'",
+        overrides[3],
+    ]
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_make_passes_a_path_with_any_characters(repository, name):
+    command = ["make", "--no-print-directory", "-s", "--eval=shown: ; @printf %s $(call quoted,corpus)", "shown"]
+    shown = subprocess.run([*command, f"corpus={name}"], cwd=repository, capture_output=True, text=True, check=True)
+    assert shown.stdout == name
 
 
 @pytest.mark.long
