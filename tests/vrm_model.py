@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from talkingeyes.core.motion import Motion
-from talkingeyes.formats.readers.gltf import GltfDocument, open_gltf
+from talkingeyes.formats.readers.gltf_document import GltfDocument, open_gltf
 from talkingeyes.formats.writers.glb import write_glb
 from talkingeyes.formats.writers.vrm import BONES
 from talkingeyes.head.anny import anny_head

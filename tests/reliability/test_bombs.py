@@ -41,7 +41,7 @@ from talkingeyes.corpus.motion_files import read_motions
 from talkingeyes.corpus.motion_loading import load_motions
 from talkingeyes.corpus.samples import FaceSamples, Samples
 from talkingeyes.formats import csv_text
-from talkingeyes.formats.readers import gltf
+from talkingeyes.formats.readers import gltf_document
 from talkingeyes.formats.readers.key_map import ArrayMapping, KeyMap, load_key_map, read_with_map
 from talkingeyes.formats.readers.read_motion import read_motion
 from talkingeyes.formats.readers.torch_file import read_torch
@@ -296,7 +296,7 @@ def glb(content: dict[str, Any], binary: bytes) -> bytes:
 
 
 def test_animations_of_scenes_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gltf, "MAX_ARRAY_BYTES", 16 * MIB)
+    monkeypatch.setattr(gltf_document, "MAX_ARRAY_BYTES", 16 * MIB)
     count = 40_000
     channels = [{"sampler": 0, "target": {"node": k, "path": "rotation"}} for k in range(500)]
     scene = {

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -60,14 +60,16 @@ class FaceFile:
                 raise InputError(f"{self.path}: {said}") from None
 
 
-def open_face_file(path: Path, fps: float | None = None, eyes: str | None = None) -> FaceFile:
-    """Open a file for new eyes. `fps` and `eyes` are as in `read_motion`.
+def open_face_file(
+    path: Path, fps: float | None = None, eyes: str | None = None, joints: Mapping[str, str] | None = None
+) -> FaceFile:
+    """Open a file for new eyes. `fps`, `eyes` and `joints` are as in `read_motion`.
 
     Raises InputError (one line) for a file that cannot be read, or has no place for eyes.
     """
     if not path.name.lower().endswith(SUFFIXES):
         raise InputError(f"{path}: should end in one of {', '.join(SUFFIXES)}")
-    reader = partial(read_motion, fps=fps, eyes=eyes)
+    reader = partial(read_motion, fps=fps, eyes=eyes, joints=joints)
     read = reader(path)
     forward_axis = eyes or default_forward_axis(path, read.format)
     own = to_forward_axes(read.motion, forward_axis)
@@ -75,7 +77,7 @@ def open_face_file(path: Path, fps: float | None = None, eyes: str | None = None
         "flame": lambda: flame.open_flame_npz(path, own),
         "flame array": lambda: flame.open_flame_array(path, own),
         "arkit": lambda: json_text.open_json(path, fps),
-        "gltf": lambda: gltf.open_gltf_file(path, own),
+        "gltf": lambda: gltf.open_gltf_file(path, own, joints),
     }
     try:
         editor = editors.get(read.format, lambda: table.open_table(path, read.format, fps))()

@@ -9,6 +9,7 @@ them, otherwise joints. Heads with the shapes of the Eyelid model (ours) have jo
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,31 +18,25 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.spatial.transform import Rotation
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
-from talkingeyes.formats.editors.channels import AddedEyes, channel_name, eye_channels
-from talkingeyes.formats.readers.gltf import (
-    JOINT_ALIASES,
-    VRM_EXTENSION,
-    GltfDocument,
-    Track,
-    open_gltf,
-    sampled,
-    turns,
-)
-from talkingeyes.formats.rotations import compose_rotations, quaternions
+from talkingeyes.formats.editors.channels import EYE_NAMES, AddedEyes, channel_name, eye_channels
+from talkingeyes.formats.joint_names import list_names
+from talkingeyes.formats.readers.gltf_document import Track, Tracks, open_gltf
+from talkingeyes.formats.readers.gltf_rig import STILL, VRM_ANIMATION, Rig, find_rig
+from talkingeyes.formats.rotations import quaternions
 from talkingeyes.formats.writers import vrm
 from talkingeyes.formats.writers.gltf import Gltf
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.eyelid.blendshapes import LID_SHAPES
 from talkingeyes.head.posing import motion_to_pose
 
-HEAD_NAMES = ("head", "Head", "neck", "Neck")  # of joints that nothing turns yet
 LOOK_PRESETS = ("lookUp", "lookDown", "lookLeft", "lookRight")  # of VRM, beside the look-at
-STILL = 1e-6
+EYES = ("left_eye", "right_eye")
+
+OWN_SHAPES = EYE_NAMES | {name.lower() for name in LID_SHAPES}
 
 Channels = dict[tuple[int, str], Float[ndarray, "T C"]]
 
@@ -50,26 +45,25 @@ Channels = dict[tuple[int, str], Float[ndarray, "T C"]]
 class GltfFile:
     """A file with an animation, and the times of its frames."""
 
-    document: GltfDocument
-    tracks: dict[tuple[int, str], Track]
+    rig: Rig
     times_s: Float[ndarray, " T"]
 
     @property
     def has_head(self) -> bool:
-        return self._head_node() is not None
+        return "head" in self.rig.joints
 
     def edited(self, added: AddedEyes) -> bytes:
         """The file with eyes and head."""
-        content, binary = self.document.content, self.document.binary
+        content, binary = self.rig.document.content, self.rig.document.binary
         size = content["buffers"][0]["byteLength"]
         used = binary[:size] + b"\0" * (-size % 4)
         gltf = Gltf(document=deepcopy(content), blocks=[used], size=len(used))
-        is_vrm = VRM_EXTENSION in content.get("extensions", {})
+        is_vrm = VRM_ANIMATION in content.get("extensions", {})
         channels = self._vrm(gltf, added) if is_vrm else self._eyes(added) | self._faces(added)
-        if added.with_head:
-            channels |= self._head(added)
+        if added.with_head and self.has_head:
+            channels |= self._turned("head", added.motion.head, added)
         if added.share == 0:
-            channels = {target: values for target, values in channels.items() if target not in self.tracks}
+            channels = {target: values for target, values in channels.items() if target not in self.rig.tracks}
         self._write(gltf, channels)
         return gltf.encoded()
 
@@ -80,7 +74,7 @@ class GltfFile:
         for (node, path), values in channels.items():
             target = {"node": node, "path": path}
             channel = next((each for each in animation["channels"] if _is_at(each, node, path)), None)
-            track = self.tracks.get((node, path))
+            track = self.rig.tracks.get((node, path))
             if channel is not None and track is not None and self._has_key_per_frame(track):
                 given = animation["samplers"][channel["sampler"]]["input"]
             else:
@@ -96,76 +90,39 @@ class GltfFile:
     def _has_key_per_frame(self, track: Track) -> bool:
         return len(track.times_s) == len(self.times_s)
 
-    def _turned(self, node: int, turn: Float[ndarray, "T 3"], added: AddedEyes) -> Channels:
-        """The channel of a node, for turns from rest about the axes of the file."""
-        if (node, "rotation") in self.tracks:
-            turn = added.mixed_turns(self.document.turns(self.tracks, node, self.times_s), turn)
-        local = self.document.rest_rotation(node).from_file_axes(Rotation.from_rotvec(turn))
-        return {(node, "rotation"): quaternions(np.asarray(local.as_rotvec()))}
-
-    def _head_node(self) -> int | None:
-        extension = self.document.content.get("extensions", {}).get(VRM_EXTENSION)
-        if extension is not None:
-            found = extension["humanoid"]["humanBones"].get("head")
-            return None if found is None else int(found["node"])
-        animated = self.document.animated_joints(self.tracks)["head"]
-        return animated if animated is not None else next(iter(self._joints(HEAD_NAMES)), None)
-
-    def _head(self, added: AddedEyes) -> Channels:
-        node = self._head_node()
-        if node is None:
-            return {}
-        turn = added.motion.head
-        bones = self.document.content.get("extensions", {}).get(VRM_EXTENSION, {}).get("humanoid", {}).get("humanBones")
-        if bones and "neck" in bones:  # which the file may turn, too
-            turn = compose_rotations(-self.document.turns(self.tracks, bones["neck"]["node"], self.times_s), turn)
-        return self._turned(node, turn, added)
-
-    def _joints(self, names: tuple[str, ...]) -> list[int]:
-        """Nodes of these names that are joints of a skin, or any if there is no skin."""
-        skins = self.document.content.get("skins", ())
-        joints = {joint for skin in skins for joint in skin["joints"]}
-        return [node for node in self.document.named_nodes(names) if node in joints or not skins]
+    def _turned(self, joint: str, turn: Float[ndarray, "T 3"], added: AddedEyes) -> Channels:
+        """The channel of a joint, for turns from rest about the axes of a Motion."""
+        if self.rig.keys(joint):
+            turn = added.mixed_turns(self.rig.turns(joint, self.times_s), turn)
+        own = self.rig.own_rotations(joint, turn, self.times_s)
+        return {(self.rig.joints[joint], "rotation"): quaternions(own)}
 
     def _eyes(self, added: AddedEyes) -> Channels:
         channels: Channels = {}
-        for eye, node in enumerate(self._eye_nodes()):
-            channels |= self._turned(node, added.motion.gaze[:, eye], added)
+        for eye, joint in enumerate(EYES if self._joints_turn_eyes() else ()):
+            channels |= self._turned(joint, added.motion.gaze[:, eye], added)
         return channels
 
-    def _eye_nodes(self) -> tuple[int, ...]:
-        """The joints of both eyes, left and right, if these turn the eyes."""
-        found = [next(iter(self._joints(JOINT_ALIASES[f"{side}_eye"])), None) for side in ("left", "right")]
-        nodes = tuple(node for node in found if node is not None)
-        if len(nodes) < 2:
-            return ()
-        moves = any(_moves(self.tracks.get((node, "rotation"))) for node in nodes)
-        looks = any("eyelookupleft" in names for names in self._face_names().values())
-        lids = any(LID_SHAPES[0].lower() in names for names in self._face_names().values())
-        return nodes if moves or lids or not looks else ()
+    def _joints_turn_eyes(self) -> bool:
+        """Whether joints, not shapes, turn the eyes."""
+        if not set(EYES) <= self.rig.joints.keys():
+            return False
+        named = set().union(*self.face_names().values())
+        return any(map(self.rig.moves, EYES)) or LID_SHAPES[0].lower() in named or "eyelookupleft" not in named
 
-    def _face_names(self) -> dict[int, list[str]]:
+    def face_names(self) -> dict[int, list[str]]:
         """Nodes with a mesh that has shapes of eyes, and the names of its shapes."""
-        found = {}
-        for index, node in enumerate(self.document.content["nodes"]):
-            if "mesh" in node:
-                mesh = self.document.content["meshes"][node["mesh"]]
-                names = [channel_name(str(name)) for name in mesh.get("extras", {}).get("targetNames", ())]
-                if any(name.startswith(("eyeblink", "eyelook")) for name in names):
-                    found[index] = names
-        return found
+        shapes = self.rig.document.shapes(self.rig.tracks)
+        found = {node: [name.lower() for name in names] for node, names in shapes.items()}
+        return {node: names for node, names in found.items() if not OWN_SHAPES.isdisjoint(names)}
 
     def _faces(self, added: AddedEyes) -> Channels:
         """Weights of the faces, with new columns of eyes and lids."""
         channels: Channels = {}
-        looks_turn_eyes = not self._eye_nodes()
-        for node, names in self._face_names().items():
-            track = self.tracks.get((node, "weights"))
-            weights = np.zeros((len(self.times_s), len(names))) if track is None else self._kept(track)
-            if weights.shape[1] != len(names):
-                raise InputError(
-                    f"{self.document.path}: weights should be {len(names)} a frame, got {weights.shape[1]}"
-                )
+        looks_turn_eyes = not self._joints_turn_eyes()
+        for node, names in self.face_names().items():
+            track = self.rig.tracks.get((node, "weights"))
+            weights = self._still_weights(node, len(names)) if track is None else self._kept(track)
             moving = track is not None and any(
                 np.ptp(weights[:, column]) > STILL for column, name in enumerate(names) if name.startswith("eyelook")
             )
@@ -175,18 +132,25 @@ class GltfFile:
             channels[node, "weights"] = weights
         return channels
 
+    def _still_weights(self, node: int, count: int) -> Float[ndarray, "T C"]:
+        """The weights of a face that no channel moves."""
+        content = self.rig.document.content
+        holders = (content["nodes"][node], content["meshes"][content["nodes"][node]["mesh"]])
+        still = next((each["weights"] for each in holders if "weights" in each), [0.0] * count)
+        return np.tile(np.array(still, np.float64), (len(self.times_s), 1))
+
     def _kept(self, track: Track) -> Float[ndarray, "T C"]:
-        return track.values.copy() if self._has_key_per_frame(track) else sampled(track, self.times_s)
+        return track.values.copy() if self._has_key_per_frame(track) else track.sampled(self.times_s)
 
     def _vrm(self, gltf: Gltf, added: AddedEyes) -> Channels:
         """Look-at and blinks; nodes that the file lacks are added. ARKit's names among its own expressions get ours."""
-        extension = gltf.document["extensions"][VRM_EXTENSION]
+        extension = gltf.document["extensions"][VRM_ANIMATION]
         shown = extension.setdefault("expressions", {})
         preset, custom = shown.setdefault("preset", {}), shown.get("custom", {})
         animated = {
             name: place["node"]
             for name, place in (*custom.items(), *preset.items())
-            if (place["node"], "translation") in self.tracks
+            if (place["node"], "translation") in self.rig.tracks
         }
         ours, still = eye_channels(added.motion), np.zeros(len(self.times_s))
         shapes = {name: ours[channel_name(name)] for name in animated if name in custom and channel_name(name) in ours}
@@ -203,36 +167,41 @@ class GltfFile:
         if "lookAt" not in extension:
             extension["lookAt"] = {"node": _root(gltf, "lookAt"), "offsetFromHeadBone": vrm.OFFSET_FROM_HEAD}
         looks, node = vrm.look_at(added.motion), extension["lookAt"]["node"]
-        if (node, "rotation") in self.tracks:  # players take it as it is, whatever the node's rotation at rest
-            looks = added.mixed_turns(turns(self.tracks[node, "rotation"], self.times_s), looks)
+        if (node, "rotation") in self.rig.tracks:  # players take it as it is, whatever the node's rotation at rest
+            own = self.rig.tracks[node, "rotation"].rotations(self.times_s)
+            looks = added.mixed_turns(own.as_rotvec(), looks)
         return channels | {(node, "rotation"): quaternions(looks)}
 
     def _expression(self, node: int, values: Float[ndarray, " T"], added: AddedEyes) -> Channels:
         """The channel of an expression: its weight is the x of a translation."""
-        track = self.tracks.get((node, "translation"))
+        track = self.rig.tracks.get((node, "translation"))
         moved = np.zeros((len(self.times_s), 3)) if track is None else self._kept(track)
         moved[:, 0] = values if track is None else added.mixed(moved[:, 0], values)
         return {(node, "translation"): moved}
 
 
-def open_gltf_file(path: Path, own: Motion) -> GltfFile:
-    """Open a file that was read as `own`. Raises InputError (one line) if it has nothing that could be eyes."""
+def open_gltf_file(path: Path, own: Motion, joints: Mapping[str, str] | None = None) -> GltfFile:
+    """Open a file that was read as `own`; `joints` as in `read_gltf`.
+
+    Raises InputError (one line) if it has nothing that could be eyes.
+    """
     document = open_gltf(path)
     buffers = document.content["buffers"]
     if len(buffers) != 1 or "uri" in buffers[0]:
         raise InputError(f"{path}: should have one buffer, in the file itself, got {len(buffers)}")
     tracks = document.tracks()
-    times = own_times(tracks, own)
-    file = GltfFile(document, tracks, times)
-    if VRM_EXTENSION not in document.content.get("extensions", {}) and not (file._eye_nodes() or file._face_names()):
+    file = GltfFile(find_rig(document, tracks, joints), own_times(tracks, own))
+    is_vrm = VRM_ANIMATION in document.content.get("extensions", {})
+    if not (is_vrm or set(EYES) <= file.rig.joints.keys() or file.face_names()):
         names = [str(node.get("name", "")) for node in document.content["nodes"]]
         raise InputError(
-            f"{path}: should have joints or shapes of eyes (LeftEye, eyeBlinkLeft), got {', '.join(names[:6])}"
+            f"{path}: should have joints or shapes of eyes (LeftEye, eyeBlinkLeft; others by --joint left_eye=NAME), "
+            f"got {list_names(names)}"
         )
     return file
 
 
-def own_times(tracks: dict[tuple[int, str], Track], own: Motion) -> Float[ndarray, " T"]:
+def own_times(tracks: Tracks, own: Motion) -> Float[ndarray, " T"]:
     """The times of the frames: those of the track that has a key for each, or even steps from the first key."""
     first = min(float(track.times_s[0]) for track in tracks.values())
     exact = (track.times_s for track in tracks.values() if len(track.times_s) == len(own))

@@ -38,7 +38,7 @@ def _stating(path: Path, format: str) -> dict[str, Any]:
     if format == "arkit":
         return _object(read_documents(path))
     if format == "gltf":
-        from talkingeyes.formats.readers.gltf import open_gltf
+        from talkingeyes.formats.readers.gltf_document import open_gltf
 
         return _object(_object(open_gltf(path).content.get("asset")).get("extras"))
     if format == "usd":

@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,7 @@ from talkingeyes.core import rotation
 from talkingeyes.core.containers import read_npz
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import CONVENTIONS, Motion
+from talkingeyes.formats.joint_names import check_joints
 from talkingeyes.formats.readers import tables
 from talkingeyes.formats.readers.forward_axis import default_forward_axis, stated_forward_axis
 from talkingeyes.formats.readers.key_map import KeyMap, read_with_map
@@ -53,18 +54,29 @@ class ImportedMotion:
 
 
 def read_motion(
-    path: Path, fps: float | None = None, mapping: KeyMap | None = None, eyes: str | None = None
+    path: Path,
+    fps: float | None = None,
+    mapping: KeyMap | None = None,
+    eyes: str | None = None,
+    joints: Mapping[str, str] | None = None,
 ) -> ImportedMotion:
     """Read a file of any format, and check units and eyes. `fps` is for files without a frame rate.
 
     `eyes` says what the forward axes of the eyes in the file are: lines of sight (`visual`) or optical axes
-    (`optical`); by default what the file states, or what its format usually holds.
+    (`optical`); by default what the file states, or what its format usually holds. `joints` are the names of joints of
+    a GLB, by left_eye, right_eye, head, neck and jaw.
     """
     if fps is not None and not 1 <= fps <= 1000:
         raise InputError(f"fps: should be 1 to 1000, got {fps:g}")
     if not path.exists():
         raise InputError(f"{path}: no such file")
     name, reader = ("map", partial(_mapped, mapping)) if mapping is not None else _reader(path)
+    if joints:
+        if name != "gltf":
+            raise InputError(f"{path}: joint: should be used with GLB, got {name}")
+        from talkingeyes.formats.readers.gltf import read_gltf
+
+        reader = partial(read_gltf, joints=check_joints(joints))
     try:
         read = reader(path, fps)
         motion, said = (read.motion, read.notes) if isinstance(read, NotedMotion) else (read, ())

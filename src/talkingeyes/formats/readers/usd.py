@@ -9,7 +9,8 @@ import numpy as np
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.formats.readers.gltf import JOINT_ALIASES, count_frames, motion_from_shapes
+from talkingeyes.formats.joint_names import JOINTS, joints_by_name
+from talkingeyes.formats.readers.gltf import count_frames, motion_from_shapes
 
 
 def read_usd(path: Path, fps: float | None = None) -> Motion:
@@ -32,23 +33,25 @@ def read_usd(path: Path, fps: float | None = None) -> Motion:
     frames = count_frames((stage.GetEndTimeCode() - stage.GetStartTimeCode()) / stage.GetTimeCodesPerSecond(), rate)
     codes = stage.GetStartTimeCode() + step * np.arange(frames)
     names = [str(name).rsplit("/", 1)[-1] for name in found.GetJointsAttr().Get() or ()]
-    turned = {ours: _turns(found, names, theirs, codes) for ours, theirs in JOINT_ALIASES.items()}
+    joints = joints_by_name(names)
+    turned = {joint: _turns(found, joints.get(joint, []), codes) for joint in JOINTS}
     shapes = [str(name) for name in found.GetBlendShapesAttr().Get() or ()]
     rows = [found.GetBlendShapeWeightsAttr().Get(code) for code in codes] if shapes else []
     weights = dict(zip(shapes, np.array(rows, np.float64).T, strict=True)) if shapes else {}
     places = np.array([np.array(found.GetTranslationsAttr().Get(code))[0] for code in codes], np.float64)
     gaze = np.stack([turned["left_eye"], turned["right_eye"]], axis=1)
     rest = _rest(stage)
-    return motion_from_shapes(rate, turned["head"], gaze, turned["jaw"], places - rest, weights)
+    return motion_from_shapes(
+        rate, turned["head" if "head" in joints else "neck"], gaze, turned["jaw"], places - rest, weights
+    )
 
 
-def _turns(animation: Any, names: list[str], theirs: tuple[str, ...], codes: np.ndarray) -> np.ndarray:
+def _turns(animation: Any, joints: list[int], codes: np.ndarray) -> np.ndarray:
     from scipy.spatial.transform import Rotation
 
-    joint = next((names.index(name) for name in theirs if name in names), None)
-    if joint is None:
+    if not joints:
         return np.zeros((len(codes), 3))
-    values = [animation.GetRotationsAttr().Get(code)[joint] for code in codes]
+    values = [animation.GetRotationsAttr().Get(code)[joints[0]] for code in codes]
     wxyz = np.array([[value.GetReal(), *value.GetImaginary()] for value in values], np.float64)
     return np.asarray(Rotation.from_quat(wxyz, scalar_first=True).as_rotvec())
 
