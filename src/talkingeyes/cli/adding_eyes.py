@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from talkingeyes.cli.conversion import Joints
 from talkingeyes.cli.performance_options import (
     BlinkLiveliness,
     Blinks,
@@ -46,6 +47,7 @@ def add_eyes(
         str | None,
         typer.Option(help="Forward axes of the eyes in the file: visual or optical. Default: as the format has them."),
     ] = None,
+    joint: Joints = None,
     blinks: Blinks = "physiological",
     target: Target = None,
     eye_contact: EyeContact = None,
@@ -64,6 +66,7 @@ def add_eyes(
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
 ) -> None:
     """Put eyes, lids and head motion for SPEECH into a copy of a face that already speaks (docs/add_eyes.md)."""
+    from talkingeyes.formats.joint_names import parse_joints
     from talkingeyes.workflows.add_eyes import add_eyes as add
     from talkingeyes.workflows.direct import make_controls
 
@@ -92,6 +95,7 @@ def add_eyes(
         keep_head=keep_head,
         blend=blend,
         eyes=eyes,
+        joints=parse_joints(joint or ()),
         force=force,
     )
     motion = done.animation.motion

@@ -7,6 +7,15 @@ from typing import Annotated
 
 import typer
 
+Joints = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--joint",
+        metavar="JOINT=NAME",
+        help="Name of a joint of a GLB: left_eye, right_eye, head, neck or jaw; repeatable. Default: found by name.",
+    ),
+]
+
 
 def export_motion(
     motion: Annotated[Path, typer.Argument(metavar="MOTION", help="A motion (.npz).")],
@@ -75,13 +84,18 @@ def import_motions(
         str | None,
         typer.Option(help="Forward axes of the eyes in the files: visual or optical. Default: as the format has them."),
     ] = None,
+    joint: Joints = None,
     expression: Annotated[bool, typer.Option(help="Keep jaw and expression.")] = True,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
 ) -> None:
     """Read motion of other programs, so that it can be evaluated and rendered here."""
+    from talkingeyes.formats.joint_names import parse_joints
     from talkingeyes.workflows.convert import import_files
 
-    for done in import_files(files, out, fps=fps, mapping=mapping, eyes=eyes, expression=expression, force=force):
+    joints = parse_joints(joint or ())
+    for done in import_files(
+        files, out, fps=fps, mapping=mapping, eyes=eyes, joints=joints, expression=expression, force=force
+    ):
         motion = done.read.motion
         typer.echo(f"{done.name}: {done.read.format}, {motion.seconds:.2f} s at {motion.fps:g} fps")
         for note in done.read.notes:

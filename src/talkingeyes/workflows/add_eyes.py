@@ -7,6 +7,7 @@ with its frame rate and its length; what is not of eyes, lids and head keeps its
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -77,6 +78,7 @@ def add_eyes(
     keep_head: bool = False,
     blend: float = 1.0,
     eyes: str | None = None,
+    joints: Mapping[str, str] | None = None,
     force: bool = False,
 ) -> EyesAdded:
     """Put gaze, vergence, lids, blinks and head motion, sampled for speech, into a copy of a file of another program.
@@ -84,7 +86,8 @@ def add_eyes(
     `keep_head` keeps the head of the file; the eyes then move on it, with gaze in space as sampled. `blend` is the
     share of ours in channels that the file has: 0 keeps them and adds what is missing, 1 replaces them. `fps` is for
     files that do not say their rate; `eyes` says what the forward axes of the eyes are (`export`), by default what the
-    file states or its format usually has. Other options are those of `animate`.
+    file states or its format usually has; `joints` are names of joints of a GLB (left_eye, right_eye, head, neck, jaw),
+    by default those that are found. Other options are those of `animate`.
 
     Raises InputError (one line) for invalid arguments, and files that have no place for eyes.
     """
@@ -95,7 +98,7 @@ def add_eyes(
     if eyes is not None:
         check_forward_axis(eyes)
     output_path = check_output_file(Path(out), path.suffix, force)
-    file = open_face_file(path, fps, eyes)
+    file = open_face_file(path, fps, eyes, joints)
     content, added = edit_face(file, load_speech(speech), load_performer(model), options)
     with writing(out), atomic_write(output_path) as partial:
         partial.write_bytes(content)
