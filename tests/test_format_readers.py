@@ -52,6 +52,60 @@ def test_vhap_of_one_frame_is_a_motion(tmp_path: Path) -> None:
     assert len(read_motion(tmp_path / "a.npz", 25.0).motion) == 1
 
 
+FLAME_PARTS = {"rotation": 3, "neck_pose": 3, "jaw_pose": 3, "eyes_pose": 6, "translation": 3, "expr": 100}
+
+
+def frames(folder: Path, name: str, numbers: list[int], flat: bool = False) -> dict[str, np.ndarray]:
+    """A folder with an npz for each number, as GaussianAvatars and VHAP have them, and its rows."""
+    folder.mkdir()
+    rows = {part: small(len(numbers), width).astype(np.float32) for part, width in FLAME_PARTS.items()}
+    for k, number in enumerate(numbers):
+        parts = {part: row[k] if flat else row[k : k + 1] for part, row in rows.items()}
+        np.savez(folder / name.format(number), shape=small(300), static_offset=small(1, 50, 3), **parts)
+    return rows
+
+
+@pytest.mark.parametrize(("name", "flat"), [("{:05d}.npz", False), ("{}.npz", True), ("frame_{:04d}_cam01.npz", False)])
+def test_a_folder_of_numbered_frames_is_one_motion(tmp_path: Path, name: str, flat: bool) -> None:
+    rows = frames(tmp_path / "flame_param", name, list(range(12)), flat)
+    motion = read_motion(tmp_path / "flame_param", 25.0, eyes="optical").motion
+    np.testing.assert_allclose(motion.head, compose_rotations(rows["rotation"], rows["neck_pose"]), atol=1e-6)
+    np.testing.assert_array_equal(motion.gaze.reshape(-1, 6), rows["eyes_pose"])
+    np.testing.assert_array_equal(motion.expression, rows["expr"])
+    assert motion.valid.all()
+    with pytest.raises(InputError, match="frame rate, got none; set --fps"):
+        read_motion(tmp_path / "flame_param")
+
+
+def test_frames_that_are_missing_are_not_valid(tmp_path: Path) -> None:
+    rows = frames(tmp_path / "tenths", "{:05d}.npz", [100, 110, 140, 150])
+    motion = read_motion(tmp_path / "tenths", 25.0).motion
+    assert list(motion.valid) == [True, True, False, False, True, True]
+    np.testing.assert_allclose(motion.jaw[3], rows["jaw_pose"][1] / 3 + rows["jaw_pose"][2] * 2 / 3, atol=1e-6)
+    np.savez(tmp_path / "tenths" / "00160.npz", jaw_pose=small(2, 3))
+    with pytest.raises(InputError, match=r"00160\.npz: should hold one frame of \w+, as the first file does, got [02]"):
+        read_motion(tmp_path / "tenths", 25.0)
+    np.savez(tmp_path / "tenths" / "9999999999.npz", jaw_pose=small(1, 3))
+    with pytest.raises(InputError, match="at most 1,000,000 frames"):
+        read_motion(tmp_path / "tenths", 25.0)
+
+
+def test_import_tells_frames_from_motions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    frames(tmp_path / "frames", "{:05d}.npz", list(range(30)))
+    (tmp_path / "motions").mkdir()
+    for number in range(2):
+        np.savez(tmp_path / "motions" / f"take_{number}.npz", jaw_pose=small(30, 3), fps=30.0)
+    for folder, names in (("frames", ["frames"]), ("motions", ["take_0", "take_1"])):
+        out = tmp_path / f"{folder}_out"
+        assert call(monkeypatch, "import", str(tmp_path / folder), "-o", str(out), "--fps", "30") == 0
+        assert capfd.readouterr().out.splitlines() == [f"{name}: flame, 1.00 s at 30 fps" for name in names]
+        assert sorted(path.stem for path in out.iterdir()) == names
+    with pytest.raises(InputError, match="`talkingeyes import` converts files of others"):
+        list(read_motions(tmp_path / "frames" / "00000.npz"))
+
+
 def test_diffposetalk_has_head_and_jaw_in_its_pose(tmp_path: Path) -> None:
     pose = small(9, 6)
     np.savez(tmp_path / "a.npz", shape=small(100), exp=small(9, 50), pose=pose)

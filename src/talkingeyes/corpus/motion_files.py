@@ -56,7 +56,8 @@ def read_motions(path: Path) -> Iterator[MotionFields]:
     """Read the motions of a file: one, or S samples. Raises InputError for other files."""
     content = read_npz(path, {*FRAME_DIMENSIONS, "fps", "valid"}, "motion npz")
     if "fps" not in content:
-        raise InputError(f"{path}: should hold fps, got {', '.join(npz_names(path, 'motion npz')) or 'nothing'}")
+        names = ", ".join(npz_names(path, "motion npz")) or "nothing"
+        raise InputError(f"{path}: should hold fps, got {names}; `talkingeyes import` converts files of others")
     try:
         fps = float(content["fps"])
     except (ValueError, TypeError) as error:

@@ -279,11 +279,12 @@ def _without_face(motion: Motion) -> Motion:
 
 def _sources(files: Sequence[Path]) -> dict[str, Path]:
     """The files by the names of their motions; a folder is replaced by its files, unless it is a single motion."""
+    from talkingeyes.formats.readers.flame_frames import frame_files
     from talkingeyes.formats.readers.read_motion import SUFFIXES
 
     listed: list[Path] = []
     for file in files:
-        if file.is_dir() and not any(file.glob("*.frame")):
+        if file.is_dir() and not any(file.glob("*.frame")) and not frame_files(file):
             inside = [path for path in sorted(file.iterdir()) if path.name.lower().endswith(SUFFIXES)]
             inside = [path for path in inside if not NO_MOTIONS.fullmatch(path.name)]
             if not inside:

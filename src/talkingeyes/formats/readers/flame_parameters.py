@@ -43,14 +43,15 @@ METADATA = {*CONVENTIONS, FORWARD_AXIS_KEY, "head_model", "fps"}  # beside the a
 MIN_VERTEX_COLUMNS = 3000  # wider arrays hold vertices
 POSE_KEYS = ("pose",)  # DiffPoseTalk: head and jaw in one array
 EYE_KEYS = ("leye_pose", "reye_pose")  # one array an eye
+PARAMETER_KEYS = {*POSE_KEYS, *EYE_KEYS, *(key for keys in PARAMETER_ALIASES.values() for key in keys)}
 
 
 def read_flame_npz(path: Path, fps: float | None = None) -> NotedMotion:
     """Read an npz of named FLAME parameters; of other arrays, the names are noted."""
-    keys = {"fps", *POSE_KEYS, *EYE_KEYS, *(key for keys in PARAMETER_ALIASES.values() for key in keys)}
-    content = {name: array for name, array in read_npz(path, keys, "npz").items() if array.dtype.kind in "fiub"}
+    found = read_npz(path, {"fps", *PARAMETER_KEYS}, "npz")
+    content = {name: array for name, array in found.items() if array.dtype.kind in "fiub"}
     names = [name for name in npz_names(path, "npz") if name not in METADATA]
-    lost = [name for name in names if name not in keys]
+    lost = [name for name in names if name not in PARAMETER_KEYS]
     return NotedMotion(motion_from_arrays(path, content, fps), no_place_note(lost, len(names), "arrays"))
 
 

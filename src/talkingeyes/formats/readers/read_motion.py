@@ -3,7 +3,7 @@
 .npz  our Motion; VHAP, DiffPoseTalk, FLAME by names      .npy, .pt  EMOTE, ProbTalk3D, ARTalk, UniLS by width
 .csv, .csv.gz, .tsv  Live Link Face, OpenFace, py-feat    .frame, or a folder of them  metrical-tracker
 .json  ARKit coefficients    .glb .vrma    .usd .usda .usdc    .bvh    .obj .ply  the open head
-.npy .npz by a key map (key_map.py)
+.npy .npz by a key map (key_map.py)                        folder with an npz a frame  GaussianAvatars, VHAP
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import CONVENTIONS, Motion
 from talkingeyes.formats.joint_names import check_joints
 from talkingeyes.formats.readers import tables
+from talkingeyes.formats.readers.flame_frames import frame_files, read_flame_frames
 from talkingeyes.formats.readers.forward_axis import default_forward_axis, stated_forward_axis
 from talkingeyes.formats.readers.key_map import KeyMap, read_with_map
 from talkingeyes.formats.readers.noted import NotedMotion
@@ -136,6 +137,8 @@ def _reader(path: Path) -> tuple[str, Reader]:
     from talkingeyes.formats.readers import arkit_json, bvh, flame_parameters, gltf, mesh, metrical, usd
 
     name = path.name.lower()
+    if path.is_dir() and frame_files(path):
+        return "flame", read_flame_frames
     if path.is_dir() or name.endswith(".frame"):
         return "metrical-tracker", metrical.read_metrical
     if name.endswith((".csv", ".csv.gz", ".tsv")):

@@ -1,0 +1,69 @@
+"""FLAME parameters with an npz for each frame, in a folder (GaussianAvatars, VHAP): 00000.npz, 00001.npz, ...
+
+A folder is one motion if its npz files differ by one number in their names, and the first holds a single frame of FLAME
+parameters. Frames follow in the order of the numbers; numbers that are missing are frames without values.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy import ndarray
+
+from talkingeyes.core.containers import read_npz
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.fitting.gaps import interpolate_gaps
+from talkingeyes.formats.readers.clock import Timing
+from talkingeyes.formats.readers.flame_parameters import PARAMETER_KEYS, motion_from_arrays
+
+MAX_FRAMES = 1_000_000  # 4.6 hours at 60 frames per second
+
+
+def frame_files(folder: Path) -> dict[int, Path]:
+    """The files of a folder by the number of their frame; none if the folder is not one motion."""
+    files = [path for path in folder.iterdir() if path.suffix.lower() == ".npz"]
+    parts = [re.split(r"(\d+)", path.stem) for path in files]
+    if len({len(each) for each in parts}) != 1:
+        return {}
+    varying = [place for place, texts in enumerate(zip(*parts, strict=True)) if len(set(texts)) > 1]
+    if len(varying) != 1 or varying[0] % 2 == 0:
+        return {}
+    found = {int(each[varying[0]]): path for each, path in zip(parts, files, strict=True)}
+    first = found[min(found)]
+    content = read_npz(first, {*PARAMETER_KEYS, "schema"}, "npz")
+    is_frame = content and "schema" not in content and all(len(_rows(each)) == 1 for each in content.values())
+    return dict(sorted(found.items())) if is_frame and len(found) == len(files) else {}
+
+
+def read_flame_frames(path: Path, fps: float | None = None) -> Motion:
+    """Read a folder of frames; those that are missing are interpolated, and not valid."""
+    files = frame_files(path)
+    numbers = np.array(list(files))
+    frames = (numbers - numbers[0]) // np.gcd.reduce(np.diff(numbers))  # which may be every tenth
+    if frames[-1] >= MAX_FRAMES:
+        raise InputError(f"{path}: should have at most {MAX_FRAMES:,} frames, got numbers to {numbers[-1]}")
+    content = [read_npz(file, {*PARAMETER_KEYS, "fps"}, "npz") for file in files.values()]
+    timing = Timing(1.0, frames)
+    valid = timing.on_frames(np.ones(len(frames), bool))
+    stacked = {}
+    for name in PARAMETER_KEYS & content[0].keys():
+        rows = [_row(file, name, each) for file, each in zip(files.values(), content, strict=True)]
+        stacked[name] = interpolate_gaps(timing.on_frames(np.stack(rows)), valid)
+    rate = {"fps": content[0]["fps"]} if "fps" in content[0] else {}
+    return replace(motion_from_arrays(path, stacked | rate, fps), valid=valid)
+
+
+def _row(path: Path, name: str, content: dict[str, ndarray]) -> ndarray:
+    rows = _rows(content[name]) if name in content else np.zeros((0, 0))
+    if len(rows) != 1:
+        raise InputError(f"{path}: should hold one frame of {name}, as the first file does, got {len(rows)}")
+    return np.asarray(rows[0])
+
+
+def _rows(array: ndarray) -> ndarray:
+    """An array of parameters with a row for each frame."""
+    return np.atleast_2d(array)
