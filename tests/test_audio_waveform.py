@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -55,6 +56,66 @@ def test_m4a_and_sound_of_a_video_are_read(tmp_path: Path) -> None:
         for packet in [*stream.encode(frame), *stream.encode(None)]:
             container.mux(packet)
     assert abs(len(read_speech(path)) / SAMPLE_RATE - 1) < 0.1
+
+
+OPEN, LENGTH = 0xFFFFFFFF, 64_000  # bytes of two seconds
+LIST = b"LIST" + struct.pack("<I", 26) + b"INFOISFT\x0e\0\0\0Lavf58.29.100\0"
+
+
+def sizes64(riff: int, data: int) -> bytes:
+    return b"ds64" + struct.pack("<IQQQI", 28, riff, data, data // 2, 0)
+
+
+@pytest.mark.parametrize(
+    ("magic", "riff", "before", "data"),
+    [
+        (b"RIFF", 0, b"", 0),
+        (b"RIFF", LENGTH + 36, b"", 0),
+        (b"RIFF", 36, LIST, 0),
+        (b"RIFF", OPEN, LIST, OPEN),
+        (b"RIFF", 0x7FFFFFFF, b"", 0x7FFFFFFF - 36),
+        (b"RIFF", 0, b"", LENGTH),
+        (b"RIFF", LENGTH + 48, b"junk\3\0\0\0abc\0", LENGTH),
+        (b"RF64", OPEN, sizes64(LENGTH + 72, LENGTH), OPEN),
+        (b"RF64", OPEN, sizes64(0, 0), OPEN),
+        (b"RF64", OPEN, sizes64(2**64 - 1, 2**64 - 1), OPEN),
+        (b"BW64", OPEN, sizes64(LENGTH + 72, LENGTH), OPEN),
+        (b"BW64", OPEN, sizes64(0, 0), OPEN),
+    ],
+)
+def test_wav_without_its_size_is_read_to_the_end(
+    tmp_path: Path, magic: bytes, riff: int, before: bytes, data: int
+) -> None:
+    sound = tone(16_000, seconds=2.0)
+    coding = b"fmt " + struct.pack("<IHHIIHH", 16, 1, 1, 16_000, 32_000, 2, 16)
+    head = magic + struct.pack("<I", riff) + b"WAVE" + before + coding + b"data" + struct.pack("<I", data)
+    (tmp_path / "a.wav").write_bytes(head + (sound * 32_768).astype("<i2").tobytes())
+    np.testing.assert_allclose(read_speech(tmp_path / "a.wav"), sound, atol=1e-3)
+
+
+@pytest.mark.parametrize(("left", "right"), [(1.0, -1.0), (0.7, -1.0), (-1.0, 0.9)])
+@pytest.mark.parametrize("container", ["WAV", "m4a"])
+def test_opposite_phase_does_not_cancel(tmp_path: Path, left: float, right: float, container: str) -> None:
+    path, both = tmp_path / "a.wav", np.stack([left * tone(48_000), right * tone(48_000)])
+    if container == "WAV":
+        soundfile.write(path, both.T, 48_000, subtype="FLOAT")
+    else:
+        with av.open(str(path), "w", format="ipod") as file:
+            stream = file.add_stream("alac", rate=48_000, layout="stereo")
+            frame = av.AudioFrame.from_ndarray((both * 32_767).astype(np.int16), format="s16p", layout="stereo")
+            frame.sample_rate = 48_000
+            for packet in [*stream.encode(frame), *stream.encode(None)]:
+                file.mux(packet)
+    loudest = max(left, right, key=abs)
+    middle = slice(1600, 14_400)
+    np.testing.assert_allclose(read_speech(path)[middle], (loudest * tone(16_000))[middle], atol=2e-3)
+
+
+@pytest.mark.parametrize("channels", [[1, 0], [1, 0.5], [1, -0.2], [0, 0, 1, 0, 0, 0]])
+def test_other_channels_are_mixed(tmp_path: Path, channels: list[float]) -> None:
+    sound = np.outer(tone(16_000), channels).astype(np.float32)
+    soundfile.write(tmp_path / "a.wav", sound, 16_000, subtype="FLOAT")
+    np.testing.assert_allclose(read_speech(tmp_path / "a.wav"), sound.mean(axis=1), atol=1e-6)
 
 
 def test_stereo_is_mixed(tmp_path: Path) -> None:
@@ -117,7 +178,10 @@ def test_unreadable_file_is_one_line_error_with_path(
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(content=st.binary(min_size=1, max_size=3000), start=st.sampled_from([b"", b"RIFF", b"fLaC", b"OggS", b"ID3\3"]))
+@given(
+    content=st.binary(min_size=1, max_size=3000),
+    start=st.sampled_from([b"", b"RIFF", b"RF64", b"fLaC", b"OggS", b"ID3\3"]),
+)
 def test_arbitrary_content_raises_only_input_errors(tmp_path: Path, content: bytes, start: bytes) -> None:
     path = tmp_path / "any"
     path.write_bytes(start + content)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 import yaml
@@ -23,6 +24,7 @@ from talkingeyes.tracking.lip_sync import lip_gap, lip_sync_score
 from talkingeyes.tracking.report import VideoResult, write_tables, yield_summary
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.shots import Shot, TrackedFrame, detect_shots
+from talkingeyes.tracking.soundtrack import open_soundtrack
 from talkingeyes.tracking.sources import find_videos
 from talkingeyes.tracking.video import Frame, rotate_upright
 from talkingeyes.tracking.visibility import relative_difference, self_occluded
@@ -312,6 +314,23 @@ def test_a_map_finds_names_however_their_umlauts_are_written(tmp_path: Path):
     speakers.write_text("video,speaker\nJürgen.mp4,Jürgen Groß\n")
     (source,) = find_videos([tmp_path], speakers)
     assert (source.speaker_name, source.speaker.rpartition("-")[0]) == ("Jürgen Groß", "Jürgen-Groß")
+
+
+@pytest.mark.parametrize("right", [1.0, -1.0])
+def test_the_sound_of_a_video_is_there_in_any_phase(tmp_path: Path, right: float):
+    tone = 0.3 * np.sin(2 * np.pi * 440 * np.arange(48_000) / 48_000)
+    with av.open(str(tmp_path / "a.mov"), "w") as file:
+        pictures, sound = file.add_stream("mpeg4", rate=25), file.add_stream("pcm_s16le", rate=48_000, layout="stereo")
+        pictures.width = pictures.height = 64
+        both = (np.stack([tone, right * tone], axis=1).reshape(1, -1) * 32_767).astype(np.int16)
+        frame = av.AudioFrame.from_ndarray(both, format="s16", layout="stereo")
+        frame.sample_rate = 48_000
+        for stream, content in ((sound, frame), (pictures, av.VideoFrame(64, 64, "yuv420p"))):
+            for packet in [*stream.encode(content), *stream.encode(None)]:
+                file.mux(packet)
+    with open_soundtrack(tmp_path / "a.mov") as track:
+        level = np.abs(track.cut(0.2, 9600)).max()
+    assert 0.25 < level < 0.45
 
 
 def test_the_yield_counts_everything_once(tmp_path: Path):

@@ -1,14 +1,19 @@
 """Reads speech from files of any rate, channels and format, detected by content, as 16 kHz mono float32.
 
-Supports the formats of libsndfile (wav, flac, ogg, mp3) and of PyAV (m4a, video with sound, raw g722 by suffix). Files
-are read, mixed and resampled block by block, so a sound that is too long is rejected before it fills memory.
+Channels are mixed; where that cancels them (opposite phase), the loudest is taken. WAV whose header was never completed
+(a stream, a crash) is read to its end. Supports the formats of libsndfile (wav, flac, ogg, mp3) and of PyAV (m4a, video
+with sound, raw g722 by suffix). Files are read, mixed and resampled block by block, so a sound that is too long is
+rejected before it fills memory.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+import os
+import struct
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -26,6 +31,8 @@ LONGEST_S = 3600.0
 SILENT_DBFS = -60.0  # a sound is silent if none of its 50 ms blocks is louder (RMS around its mean)
 BLOCK_S = 0.05
 READ_FRAMES = 1 << 18
+CANCELLED = 0.2  # of the energy that a mix of unrelated channels has
+LONG_WAVS = (b"RF64", b"BW64")  # WAV with a chunk of sizes in 64 bits, the first
 FORMAT_OF_SUFFIX = {".g722": "g722"}  # raw streams, which content does not identify
 
 
@@ -48,10 +55,9 @@ def read_speech(path: Path | str) -> Float[ndarray, " N"]:
     Raises InputError (one line) if the file is missing, empty, undecodable, damaged, silent, too short, too long, or
     contains NaN.
     """
-    path = Path(path)
-    with _opened(path) as file, _open_stream(path, file) as source:
-        sound = _resampled(path, source)
-    return _checked(path, sound)
+    path, levels = Path(path), ChannelLevels()
+    sound = _read(path, levels.mixed)
+    return _checked(path, _read(path, levels.loudest) if levels.cancelled else sound)
 
 
 def read_dialogue(path: Path | str) -> tuple[Float[ndarray, " N"], Float[ndarray, " N"]]:
@@ -60,11 +66,37 @@ def read_dialogue(path: Path | str) -> tuple[Float[ndarray, " N"], Float[ndarray
     Raises InputError as it does, and if there are not two channels.
     """
     path = Path(path)
-    sounds = []
-    for channel in (0, 1):
-        with _opened(path) as file, _open_stream(path, file) as source:
-            sounds.append(_checked(path, _resampled(path, source, channel)))
-    return sounds[0], sounds[1]
+    first, second = (_checked(path, _read(path, partial(_person, path, channel))) for channel in (0, 1))
+    return first, second
+
+
+class ChannelLevels:
+    """The energy of each channel, and of their mix, over the blocks that are mixed."""
+
+    def __init__(self) -> None:
+        self._channels, self._mix = np.zeros(1), 0.0
+
+    def mixed(self, block: Float[ndarray, "N C"]) -> Float[ndarray, " N"]:
+        """The mean of the channels."""
+        mix = block.mean(axis=1, dtype=np.float32)
+        self._channels = self._channels + len(block) * block.var(axis=0, dtype=np.float64)
+        self._mix += len(block) * float(mix.var(dtype=np.float64))
+        return np.asarray(mix)
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether the channels cancel each other, as in opposite phase."""
+        return bool(self._mix < CANCELLED * self._channels.sum() / len(self._channels) ** 2)
+
+    def loudest(self, block: Float[ndarray, "N C"]) -> Float[ndarray, " N"]:
+        """The channel with the most energy."""
+        return block[:, self._channels.argmax()]
+
+
+def _person(path: Path, channel: int, block: Float[ndarray, "N C"]) -> Float[ndarray, " N"]:
+    if block.shape[1] != 2:
+        raise InputError(f"{path}: a dialogue should have two channels, a person each, got {block.shape[1]}")
+    return block[:, channel]
 
 
 def _checked(path: Path, sound: Float[ndarray, " N"]) -> Float[ndarray, " N"]:
@@ -112,9 +144,10 @@ def _opened(path: Path) -> IO[bytes]:
 def _open_stream(path: Path, file: IO[bytes]) -> Iterator[AudioStream]:
     file.seek(0)
     try:
-        with soundfile.SoundFile(_AnonymousFile(file)) as sound:
-            yield AudioStream(sound.samplerate, _libsndfile_blocks(path, sound))
-            return
+        with soundfile.SoundFile(_AnonymousFile(file, _magic(file))) as sound:
+            if sound.frames:  # or the header of a WAV counts none, and FFmpeg reads to its end
+                yield AudioStream(sound.samplerate, _libsndfile_blocks(path, sound))
+                return
     except soundfile.LibsndfileError:
         pass
     import av
@@ -136,11 +169,30 @@ def _open_stream(path: Path, file: IO[bytes]) -> Iterator[AudioStream]:
 
 
 class _AnonymousFile:
-    """A file without its name, so that readers detect the format from content alone."""
+    """A file without its name, so that readers detect the format from content alone; `magic`: its first bytes."""
 
-    def __init__(self, file: IO[bytes]) -> None:
-        self.read, self.seek, self.tell = file.read, file.seek, file.tell
-        self.readinto = file.readinto  # type: ignore[attr-defined]
+    def __init__(self, file: IO[bytes], magic: bytes = b"") -> None:
+        self.seek, self.tell = file.seek, file.tell
+        self._file, self._magic = file, magic
+
+    def read(self, size: int = -1) -> bytes:
+        start, content = self.tell(), self._file.read(size)
+        return self._magic[start : start + len(content)] + content[max(len(self._magic) - start, 0) :]
+
+    def readinto(self, buffer: Any) -> int:
+        content = self.read(len(buffer))
+        buffer[: len(content)] = content
+        return len(content)
+
+
+def _magic(file: IO[bytes]) -> bytes:
+    """The first four bytes of a file; of a long WAV without its sizes, those of a WAV that ends with the file."""
+    head = file.read(36)
+    file.seek(0)
+    if head[:4] not in LONG_WAVS or len(head) < 36:
+        return head[:4]
+    known = 0 < struct.unpack_from("<Q", head, 28)[0] <= os.fstat(file.fileno()).st_size
+    return LONG_WAVS[0] if known else b"RIFF"
 
 
 def _libsndfile_blocks(path: Path, sound: soundfile.SoundFile) -> Iterator[Float[ndarray, "N C"]]:
@@ -170,12 +222,19 @@ def _av_blocks(path: Path, container: Any, rate: int) -> Iterator[Float[ndarray,
             good += 1
             for part in resampler.resample(frame):
                 yield part.to_ndarray().T
-    if bad >= good:
+    if bad and bad >= good:
         raise InputError(f"{path}: not a sound that can be decoded; should be wav, flac, ogg, mp3 or m4a")
 
 
-def _resampled(path: Path, source: AudioStream, channel: int | None = None) -> Float[ndarray, " N"]:
-    """Resample to 16 kHz: one of two channels, or all channels mixed."""
+def _read(path: Path, as_mono: Callable[[Float[ndarray, "N C"]], Float[ndarray, " N"]]) -> Float[ndarray, " N"]:
+    """The whole file at 16 kHz; `as_mono` makes one channel of a block."""
+    with _opened(path) as file, _open_stream(path, file) as source:
+        return _resampled(path, source, as_mono)
+
+
+def _resampled(
+    path: Path, source: AudioStream, as_mono: Callable[[Float[ndarray, "N C"]], Float[ndarray, " N"]]
+) -> Float[ndarray, " N"]:
     if source.rate <= 0:
         raise InputError(f"{path}: the sampling rate should be above 0, got {source.rate}")
     stream = soxr.ResampleStream(source.rate, SAMPLE_RATE, 1, dtype="float32", quality="HQ")
@@ -186,9 +245,6 @@ def _resampled(path: Path, source: AudioStream, channel: int | None = None) -> F
             raise InputError(f"{path}: speech should last at most {LONGEST_S:.0f} s (an hour); cut it into parts")
         if not np.isfinite(block).all():
             raise InputError(f"{path}: holds NaN or infinite samples; samples should be finite numbers")
-        if channel is not None and block.shape[1] != 2:
-            raise InputError(f"{path}: a dialogue should have two channels, a person each, got {block.shape[1]}")
-        mono = block.mean(axis=1, dtype=np.float32) if channel is None else block[:, channel]
-        parts.append(stream.resample_chunk(np.ascontiguousarray(mono)))
+        parts.append(stream.resample_chunk(np.ascontiguousarray(as_mono(block))))
     parts.append(stream.resample_chunk(np.zeros(0, np.float32), last=True))
     return np.concatenate(parts)

@@ -1,7 +1,8 @@
 """The sound of a video on the clock of its frames: 16 kHz mono, on disk while shots are extracted.
 
-It is decoded once, block by block, into a temporary file. Memory therefore does not grow, and any segment can be read
-without relying on the container's index. Gaps in time stamps become silence, so lips and voice stay synchronous.
+It is decoded block by block into a temporary file; twice, where its channels cancel each other. Memory therefore does
+not grow, and any segment can be read without relying on the container's index. Gaps in time stamps become silence, so
+lips and voice stay synchronous.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.audio.waveform import SAMPLE_RATE, ChannelLevels
 from talkingeyes.tracking.video import open_video
 
 MAX_JITTER_S = 0.1  # larger deviations of time stamps are gaps
@@ -43,31 +44,45 @@ class Soundtrack:
 @contextlib.contextmanager
 def open_soundtrack(path: Path) -> Iterator[Soundtrack]:
     """The first sound stream of a video; its temporary file is deleted with the context."""
-    with tempfile.TemporaryFile() as file, open_video(path) as container:
-        start_s = _decode(container, file) if container.streams.audio else 0.0
+    with tempfile.TemporaryFile() as file:
+        levels = ChannelLevels()
+        start_s = _decode(path, file, levels, mix=True)
+        if levels.cancelled:
+            file.seek(0)
+            file.truncate()
+            start_s = _decode(path, file, levels, mix=False)
         size = file.tell() // 4
         yield Soundtrack(np.memmap(file, np.float32, "r", shape=(size,)) if size else np.zeros(0, np.float32), start_s)
 
 
-def _decode(container: Any, file: IO[bytes]) -> float:
-    """Write all samples; return the time of the first."""
+def _decode(path: Path, file: IO[bytes], levels: ChannelLevels, *, mix: bool) -> float:
+    """Write all samples, mixed or of the loudest channel; return the time of the first."""
     import av
 
-    resampler = av.AudioResampler(format="flt", layout="mono", rate=SAMPLE_RATE)
+    resampler = av.AudioResampler(format="fltp", layout="mono" if mix else None, rate=SAMPLE_RATE)
+    as_floats = av.AudioResampler(format="fltp")
     start_s: float | None = None
     heard_s = 0.0  # duration received so far
-    for frame in _frames(container):
-        start_s = frame.time if start_s is None else start_s
-        missing_s = frame.time - start_s - heard_s
-        if missing_s > MAX_JITTER_S:
-            file.write(np.zeros(round(missing_s * SAMPLE_RATE), np.float32).tobytes())
-            heard_s += missing_s
-        heard_s += frame.samples / frame.sample_rate
-        frame.pts = None  # otherwise the resampler would stretch the sound between time stamps
+
+    def write(frame: Any) -> None:
         for part in resampler.resample(frame):
-            file.write(np.nan_to_num(part.to_ndarray()).astype(np.float32).tobytes())
-    for part in resampler.resample(None):
-        file.write(part.to_ndarray().astype(np.float32).tobytes())
+            samples = np.nan_to_num(part.to_ndarray())
+            file.write((samples[0] if mix else levels.loudest(samples.T)).astype(np.float32).tobytes())
+
+    with open_video(path) as container:
+        for frame in _frames(container) if container.streams.audio else ():
+            start_s = frame.time if start_s is None else start_s
+            missing_s = frame.time - start_s - heard_s
+            if missing_s > MAX_JITTER_S:
+                file.write(np.zeros(round(missing_s * SAMPLE_RATE), np.float32).tobytes())
+                heard_s += missing_s
+            heard_s += frame.samples / frame.sample_rate
+            frame.pts = None  # otherwise the resampler would stretch the sound between time stamps
+            for part in as_floats.resample(frame) if mix else ():
+                levels.mixed(np.nan_to_num(part.to_ndarray()).T)
+            write(frame)
+        if start_s is not None:
+            write(None)
     file.flush()
     return start_s or 0.0
 
