@@ -240,6 +240,8 @@ def test_eyes_are_written_to_every_mesh_that_has_such_shapes(tmp_path: Path) -> 
         np.testing.assert_array_equal(getattr(found, name), getattr(own, name))
     assert own.jaw.any()
     assert own.expression[:, own.expression_names.index("browDownLeft")].any()
+    with_others = face(tmp_path / "b.glb", ["jawOpen", "Vrc_Happy", "Vrc_Sad"], weights=np.ones((FRAMES, 3)))
+    assert read_motion(with_others).notes[0] == "2 of 3 shapes have no place here: Vrc_Happy, Vrc_Sad"
 
     def lashes_alone(gltf: Gltf) -> None:
         animation = gltf.document["animations"][0]

@@ -15,10 +15,10 @@ from numpy import ndarray
 
 from talkingeyes.core.containers import read_npz
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.motion import Motion
 from talkingeyes.fitting.gaps import interpolate_gaps
 from talkingeyes.formats.readers.clock import Timing
-from talkingeyes.formats.readers.flame_parameters import PARAMETER_KEYS, motion_from_arrays
+from talkingeyes.formats.readers.flame_parameters import PARAMETER_KEYS, array_notes, motion_from_arrays
+from talkingeyes.formats.readers.noted import NotedMotion
 
 MAX_FRAMES = 1_000_000  # 4.6 hours at 60 frames per second
 
@@ -39,7 +39,7 @@ def frame_files(folder: Path) -> dict[int, Path]:
     return dict(sorted(found.items())) if is_frame and len(found) == len(files) else {}
 
 
-def read_flame_frames(path: Path, fps: float | None = None) -> Motion:
+def read_flame_frames(path: Path, fps: float | None = None) -> NotedMotion:
     """Read a folder of frames; those that are missing are interpolated, and not valid."""
     files = frame_files(path)
     numbers = np.array(list(files))
@@ -54,7 +54,8 @@ def read_flame_frames(path: Path, fps: float | None = None) -> Motion:
         rows = [_row(file, name, each) for file, each in zip(files.values(), content, strict=True)]
         stacked[name] = interpolate_gaps(timing.on_frames(np.stack(rows)), valid)
     rate = {"fps": content[0]["fps"]} if "fps" in content[0] else {}
-    return replace(motion_from_arrays(path, stacked | rate, fps), valid=valid)
+    motion = replace(motion_from_arrays(path, stacked | rate, fps), valid=valid)
+    return NotedMotion(motion, array_notes(files[int(numbers[0])]))
 
 
 def _row(path: Path, name: str, content: dict[str, ndarray]) -> ndarray:

@@ -50,9 +50,13 @@ def read_flame_npz(path: Path, fps: float | None = None) -> NotedMotion:
     """Read an npz of named FLAME parameters; of other arrays, the names are noted."""
     found = read_npz(path, {"fps", *PARAMETER_KEYS}, "npz")
     content = {name: array for name, array in found.items() if array.dtype.kind in "fiub"}
+    return NotedMotion(motion_from_arrays(path, content, fps), array_notes(path))
+
+
+def array_notes(path: Path) -> tuple[str, ...]:
+    """What is said about the arrays of an npz that are no parameters of a motion."""
     names = [name for name in npz_names(path, "npz") if name not in METADATA]
-    lost = [name for name in names if name not in PARAMETER_KEYS]
-    return NotedMotion(motion_from_arrays(path, content, fps), no_place_note(lost, len(names), "arrays"))
+    return no_place_note([name for name in names if name not in PARAMETER_KEYS], len(names), "arrays")
 
 
 def read_flame_array(path: Path, fps: float | None = None) -> Motion:

@@ -21,14 +21,17 @@ from talkingeyes.formats.joint_names import JOINTS, list_names
 from talkingeyes.formats.readers.flame_parameters import EXPRESSION
 from talkingeyes.formats.readers.gltf_document import GltfDocument, Track, Tracks, open_gltf
 from talkingeyes.formats.readers.gltf_rig import VRM_ANIMATION, Rig, find_rig
+from talkingeyes.formats.readers.noted import NotedMotion, no_place_note
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.anny_build import JAW_OPEN_RAD
-from talkingeyes.head.eyelid.blendshapes import eyelid_weights
+from talkingeyes.head.eyelid.blendshapes import LID_SHAPES, eyelid_weights
 
+EXPRESSIONS = tuple(map(EXPRESSION.format, range(100)))  # of FLAME
+VRM_PLACED = ("blinkLeft", "blinkRight", "blink", "aa")
 MAX_FRAMES = 1_000_000  # 4.6 hours at 60 frames per second
 
 
-def read_gltf(path: Path, fps: float | None = None, joints: Mapping[str, str] | None = None) -> Motion:
+def read_gltf(path: Path, fps: float | None = None, joints: Mapping[str, str] | None = None) -> NotedMotion:
     """Read the motion of a .glb or .vrma; `joints` are names of nodes by joint, where the file's own are unknown.
 
     Raises InputError (one line) if it holds no animation of a head.
@@ -45,7 +48,7 @@ def read_gltf(path: Path, fps: float | None = None, joints: Mapping[str, str] | 
         raise InputError(f"{path}: not a GLB with an animation ({error!r})") from None
 
 
-def _head(rig: Rig, fps: float | None) -> Motion:
+def _head(rig: Rig, fps: float | None) -> NotedMotion:
     document, tracks = rig.document, rig.tracks
     names = [str(node.get("name", "")) for node in document.content["nodes"]]
     faces = {node: shapes for node, shapes in document.shapes(tracks).items() if (node, "weights") in tracks}
@@ -63,7 +66,13 @@ def _head(rig: Rig, fps: float | None) -> Motion:
         for name, values in zip(shown, tracks[node, "weights"].sampled(times).T, strict=True):
             if name not in shapes or not shapes[name].any():
                 shapes[name] = values
-    return motion_from_shapes(rate, rig.turns("head", times), gaze, rig.turns("jaw", times), shift, shapes)
+    motion = motion_from_shapes(rate, rig.turns("head", times), gaze, rig.turns("jaw", times), shift, shapes)
+    placed = EXPRESSIONS if EXPRESSIONS[0] in shapes else (*arkit.NAMES, *LID_SHAPES)
+    notes = no_place_note([name for name in shapes if shapes[name].any() and name not in placed], len(shapes))
+    unnamed = [track for (node, path), track in tracks.items() if path == "weights" and node not in faces]
+    if unnamed:
+        notes += (f"{sum(each.values.shape[1] for each in unnamed)} shapes without names have no place here",)
+    return NotedMotion(motion, notes)
 
 
 def _nothing_known(document: GltfDocument, tracks: Tracks, names: Sequence[str]) -> InputError:
@@ -83,8 +92,8 @@ def motion_from_shapes(
     fps: float, head: ndarray, gaze: ndarray, jaw: ndarray, shift: ndarray, shapes: dict[str, ndarray]
 ) -> Motion:
     """Build a motion from joint rotations and named shape weights."""
-    if "expression_000" in shapes:  # FLAME, which has no lid shapes
-        names = tuple(name for name in (EXPRESSION.format(k) for k in range(100)) if name in shapes)
+    if EXPRESSIONS[0] in shapes:  # FLAME, which has no lid shapes
+        names = tuple(name for name in EXPRESSIONS if name in shapes)
         made_for, lid = "flame", np.zeros((len(head), 2))
         expression = np.stack([shapes[name] for name in names], axis=1)
     else:
@@ -116,9 +125,10 @@ def motion_from_shapes(
     )
 
 
-def _vrm(rig: Rig, fps: float | None) -> Motion:
+def _vrm(rig: Rig, fps: float | None) -> NotedMotion:
     tracks, content = rig.tracks, rig.document.content["extensions"][VRM_ANIMATION]
-    shown = content.get("expressions", {}).get("preset", {})
+    expressions = content.get("expressions", {})
+    shown = {**expressions.get("custom", {}), **expressions.get("preset", {})}
     looking = tracks.get((content["lookAt"]["node"], "rotation")) if "lookAt" in content else None
     weights = {name: tracks.get((place["node"], "translation")) for name, place in shown.items()}
     turning = [tracks[key] for key in rig.keys("head")]
@@ -136,7 +146,9 @@ def _vrm(rig: Rig, fps: float | None) -> Motion:
     looks = np.zeros((len(times), 3)) if looking is None else looking.rotations(times).as_rotvec()
     gaze = np.repeat(looks[:, None], 2, axis=1)
     lid = np.stack([weight("blinkLeft", "blink"), weight("blinkRight", "blink")], axis=1)
-    return Motion.of(rate, rig.turns("head", times), gaze, lid=lid, jaw=jaw)
+    moving = [name for name, track in weights.items() if track is not None and track.values[:, 0].any()]
+    lost = no_place_note([name for name in moving if name not in VRM_PLACED], len(shown), "expressions")
+    return NotedMotion(Motion.of(rate, rig.turns("head", times), gaze, lid=lid, jaw=jaw), lost)
 
 
 def count_frames(span_s: float, fps: float) -> int:
