@@ -200,6 +200,12 @@ def test_names_of_shapes_are_found(tmp_path: Path, place: str, spelling: str, si
     np.testing.assert_array_equal(found.jaw, read_motion(path).motion.jaw)
 
 
+@pytest.mark.parametrize("lids", [("Fcl_EYE_Close_L", "Fcl_EYE_Close_R"), ("EyeClosedLeft", "EyeClosedRight")])
+def test_lids_of_vroid_and_unified_expressions_close(tmp_path: Path, lids: tuple[str, str]) -> None:
+    path = face(tmp_path / "a.glb", ["JawOpen", "Fcl_ALL_Joy", "Fcl_EYE_Close", *lids])
+    np.testing.assert_allclose(edited(path).lid, OURS.lid, atol=1e-6)
+
+
 def test_shapes_without_names_are_one_line(tmp_path: Path) -> None:
     path = face(tmp_path / "a.glb", FACE, "nowhere")
     for read in (read_motion, open_face_file):

@@ -30,6 +30,7 @@ AUDIO2FACE_EYES = {
         for side in ("Left", "Right")
     },
 }
+CLOSED = ("eyeclose", "eyeclosed")  # VRoid's Fcl_EYE_Close_L, EyeClosedLeft of Unified Expressions
 STANDARD_NAMES = (*arkit.NAMES, *arkit.ANGLES, *AUDIO2FACE_EYES, *LID_SHAPES)
 
 SEPARATOR = re.compile(r"[^a-z0-9]+")
@@ -83,3 +84,4 @@ def _side(written: str) -> str:
 _STANDARD: dict[str, str] = {}
 _STANDARD |= {SIDE_LAST.sub(lambda side: _side(side[1]), each.lower()): each for each in AUDIO2FACE_EYES}
 _STANDARD |= {each.lower(): each for each in STANDARD_NAMES}
+_STANDARD |= {f"{name}{side.lower()}": f"eyeBlink{side}" for name in CLOSED for side in ("Left", "Right")}
