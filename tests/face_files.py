@@ -142,7 +142,7 @@ def unils(path: Path, frames: int = 75) -> Path:
     return path
 
 
-def avatar_glb(path: Path, fps: float = 30.0, frames: int = 75, eye_shapes: bool = True) -> Path:
+def avatar_glb(path: Path, fps: float = 30.0, frames: int = 75, eye_shapes: bool = True, lids: bool = True) -> Path:
     """An avatar whose lips move: bones with axes of their own, a face and teeth with shapes.
 
     The bones of the eyes and of the head have the keys that converters write for bones that do not move: as many as
@@ -153,7 +153,8 @@ def avatar_glb(path: Path, fps: float = 30.0, frames: int = 75, eye_shapes: bool
     for index, (name, turn) in enumerate(bones.items()):
         children = {0: [1], 1: [2, 3]}.get(index, [])
         gltf.node(name, rotation=turn.as_quat().tolist(), **({"children": children} if children else {}))
-    names = [name for name in arkit.NAMES if eye_shapes or not name.startswith("eyeLook")]
+    left_out = [part for part, kept in (("eyeLook", eye_shapes), ("eyeBlink", lids), ("eyeWide", lids)) if not kept]
+    names = [name for name in arkit.NAMES if not name.startswith(tuple(left_out))]
     point = np.zeros((3, 3), np.float32)
     for part, shapes in (("Face", names), ("Teeth", ["jawOpen", "tongueOut"])):
         targets = [{"POSITION": gltf.sparse_accessor(point)} for _ in shapes]

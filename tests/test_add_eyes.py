@@ -413,6 +413,17 @@ def test_a_vrm_animation_with_arkit_expressions_has_these_moved(place: Path, tmp
     vrm = new.extensions["VRMC_vrm_animation"]
     assert "lookAt" not in vrm  # expressions turn the eyes, and lids close once
     assert set(vrm["expressions"]["preset"]) == {"aa", "ih"}
+    read = read_motion(out).motion
+    np.testing.assert_allclose(arkit.coefficients(read)[:, 0], ours[:, 0], atol=1e-6)
+    assert len(done.events.blinks) == len(detect_events(done.animation.motion).blinks)
+
+
+def test_a_rig_without_lids_is_said_to_have_no_blinks(place: Path, tmp_path: Path) -> None:
+    path = face_files.avatar_glb(tmp_path / "bones.glb", lids=False)
+    done = add_eyes(path, place / "speech.wav", tmp_path / "out.glb", model=place / "model")
+    assert done.animation.events.blinks
+    assert not done.events.blinks
+    assert "no place for lids in the file: no blinks" in done.notes
 
 
 # FLAME.
@@ -618,9 +629,11 @@ def test_what_is_reported_is_counted_in_the_written_file(
     found = detect_events(read_motion(tmp_path / "whole.csv").motion)
     assert found.blinks
     said = capsys.readouterr().out
-    assert said.endswith(f"3.00 s at 60 fps, {len(found.saccades)} saccades, {len(found.blinks)} blinks\n")
+    assert said.endswith(
+        f"3.00 s at 60 fps, {len(found.saccades)} saccades, {len(found.blinks)} blinks by {place / 'model'}\n"
+    )
     assert call(monkeypatch, *words, str(tmp_path / "own.csv"), "--blend", "0") == 0  # the eyes of the file are still
-    assert capsys.readouterr().out.endswith(" 0 blinks\n")
+    assert capsys.readouterr().out.endswith(f" 0 blinks by {place / 'model'}\n")
 
 
 def test_frames_without_a_face_are_reported(place: Path, tmp_path: Path) -> None:

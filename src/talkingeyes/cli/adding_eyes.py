@@ -66,6 +66,7 @@ def add_eyes(
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
 ) -> None:
     """Put eyes, lids and head motion for SPEECH into a copy of a face that already speaks (docs/add_eyes.md)."""
+    from talkingeyes.animation.model_file import find_model, model_title
     from talkingeyes.formats.joint_names import parse_joints
     from talkingeyes.workflows.add_eyes import add_eyes as add
     from talkingeyes.workflows.direct import make_controls
@@ -101,7 +102,7 @@ def add_eyes(
     motion = done.animation.motion
     typer.echo(
         f"{out}: {done.format}, {motion.seconds:.2f} s at {motion.fps:g} fps, "
-        f"{len(done.events.saccades)} saccades, {len(done.events.blinks)} blinks"
+        f"{len(done.events.saccades)} saccades, {len(done.events.blinks)} blinks by {model_title(find_model(model))}"
     )
     for note in done.notes:
         typer.echo(f"{out}: note: {note}", err=True)

@@ -127,6 +127,8 @@ def edit_face(
     written = file.read_back(content)
     if options.blend > 0 and not (written.gaze.any() or written.lid.any()):
         notes += ("no eyes are read in the written file: its readers know no place for them",)
+    elif options.blend > 0 and shown.lid.any() and not written.lid.any():
+        notes += ("no place for lids in the file: no blinks",)
     return content, EyesAdded(file.format, animation, detect_events(written), notes)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,12 +23,13 @@ from talkingeyes.formats.readers.flame_parameters import EXPRESSION
 from talkingeyes.formats.readers.gltf_document import GltfDocument, Track, Tracks, open_gltf
 from talkingeyes.formats.readers.gltf_rig import VRM_ANIMATION, Rig, find_rig
 from talkingeyes.formats.readers.noted import NotedMotion, no_place_note
+from talkingeyes.formats.shape_names import shape_names
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.anny_build import JAW_OPEN_RAD
 from talkingeyes.head.eyelid.blendshapes import LID_SHAPES, eyelid_weights
 
 EXPRESSIONS = tuple(map(EXPRESSION.format, range(100)))  # of FLAME
-VRM_PLACED = ("blinkLeft", "blinkRight", "blink", "aa")
+VRM_PLACED = ("blinkLeft", "blinkRight", "blink", "aa", *arkit.NAMES)
 MAX_FRAMES = 1_000_000  # 4.6 hours at 60 frames per second
 
 
@@ -128,7 +130,9 @@ def motion_from_shapes(
 def _vrm(rig: Rig, fps: float | None) -> NotedMotion:
     tracks, content = rig.tracks, rig.document.content["extensions"][VRM_ANIMATION]
     expressions = content.get("expressions", {})
-    shown = {**expressions.get("custom", {}), **expressions.get("preset", {})}
+    custom = expressions.get("custom", {})
+    known_as = dict(zip(custom, shape_names(list(custom)), strict=True))  # ARKit's names, which avatars may have too
+    shown = {**{known_as[name]: place for name, place in custom.items()}, **expressions.get("preset", {})}
     looking = tracks.get((content["lookAt"]["node"], "rotation")) if "lookAt" in content else None
     weights = {name: tracks.get((place["node"], "translation")) for name, place in shown.items()}
     turning = [tracks[key] for key in rig.keys("head")]
@@ -143,12 +147,17 @@ def _vrm(rig: Rig, fps: float | None) -> NotedMotion:
 
     jaw = np.zeros((len(times), 3))
     jaw[:, 0] = JAW_OPEN_RAD * weight("aa")
+    shapes = {name: weight(name) for name in arkit.NAMES if weights.get(name) is not None}
     looks = np.zeros((len(times), 3)) if looking is None else looking.rotations(times).as_rotvec()
     gaze = np.repeat(looks[:, None], 2, axis=1)
     lid = np.stack([weight("blinkLeft", "blink"), weight("blinkRight", "blink")], axis=1)
     moving = [name for name, track in weights.items() if track is not None and track.values[:, 0].any()]
     lost = no_place_note([name for name in moving if name not in VRM_PLACED], len(shown), "expressions")
-    return NotedMotion(Motion.of(rate, rig.turns("head", times), gaze, lid=lid, jaw=jaw), lost)
+    head = rig.turns("head", times)
+    if not shapes:
+        return NotedMotion(Motion.of(rate, head, gaze, lid=lid, jaw=jaw), lost)
+    motion = motion_from_shapes(rate, head, gaze, jaw, np.zeros((len(times), 3)), shapes)
+    return NotedMotion(motion if motion.lid.any() else replace(motion, lid=lid), lost)
 
 
 def count_frames(span_s: float, fps: float) -> int:
