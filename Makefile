@@ -136,7 +136,7 @@ release-models: setup  ## Train the packaged models on 20 hours of seven languag
 release-report: setup  ## After make repro: measure the packaged models on a sealed corpus; appends to docs/releases.md
 	$(BIN)/python -m pipelines.release_report
 
-face: setup  ## ProbTalk3D's Table 1: every model of the face, three seeds (docs/face_table.md); goes on where it was killed
+face: setup  ## ProbTalk3D's Table 1: every model of the face, three seeds (docs/face_table.md has one so far); goes on where it was killed
 	$(BIN)/python -m pipelines.face_table
 
 tables: setup  ## TalkingEyes Tables III, V, VI and VII and their claims on three seeds (docs/tables.md); resumes. tables=table3,table7 seeds=0
