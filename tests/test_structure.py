@@ -28,7 +28,6 @@ WITHOUT_SETTINGS = {"information"}
 NO_STAGE = {
     "audio_motion_probes",
     "benchmark_corpus",
-    "combinations",
     "corpus",
     "evaluate_face",
     "experiment",
