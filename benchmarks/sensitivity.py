@@ -96,7 +96,7 @@ The smallest dose that any metric of a family detects; "-": none.
 - **Places of one's own**: {blind} detect nothing in the people of this page, who have none, so that true takes of a
   sound hardly correlate ({blind_values}); the table below has people who do.
   Metrics that detect nothing at all (marked † in [benchmark.md](benchmark.md)): {unseen}.
-- **Not tested** (‡): {untested}. For Corr. see [corr.md](corr.md).
+- **Not tested** (‡): {untested}. For Corr. see the [log](log/2026-11-29-corr-corruptions.md).
 
 ## Metrics that need other takes
 
