@@ -47,7 +47,6 @@ NO_STAGE = {
     "population",
     "posegan_table",
     "pruned_sweep",
-    "real_motion",
     "real_videos",
     "reference_ranges",
     "reference_ranges_model",
