@@ -1,4 +1,4 @@
-"""Accuracy and speed of the event detectors: the first tables of docs/detectors.csv (a few rows: docs/detectors.md).
+"""Accuracy and speed of the event detectors: docs/detectors.csv (a few rows: docs/detectors.md).
 
 The events are those of the synthetic corpus. Its takes are sampled again, which gives the same events and allows
 rendering at any frame rate. Fitted motion is used as it is in the corpus.

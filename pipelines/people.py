@@ -99,8 +99,7 @@ a uniformly random direction every 0.2 to 5 s, head still.
 
 Nats per fixation of the people kept for validation (mean of people, least to largest person); more is better. Each
 model gives the time and the place of the next fixation, and is fitted to the fixations named: of the other people, or
-of a row. The gaze process of `talkingeyes_events` itself: `python -m benchmarks.recorded_fixations`
-([log](log/2026-11-27-recorded-fixations.md)).
+of a row. That of the gaze process of `talkingeyes_events` itself: [log](log/2026-11-27-recorded-fixations.md).
 
 {likelihood}
 

@@ -3,8 +3,8 @@
 Run: python -m pipelines.sample talkingeyes
 
 Reads: the corpus index, data/embed, data/train/<model>; the sound, for a model with a waveform encoder. A model that
-takes the speaker is given that of the clip (unseen speakers are replaced by a random training speaker per sound), a
-model with partner conditioning the partner's speech; no reference clip is given.
+takes the speaker is given that of the clip (unseen speakers are replaced by a random training speaker per sound); no
+reference clip is given.
 
 Writes: data/sample/<model>/<shard>/<clip>.npz.
 """

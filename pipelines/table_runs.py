@@ -1,6 +1,6 @@
 """Rows of a table with several seeds of training and sampling, through the result store, so nothing runs twice.
 
-Used by: pipelines.combinations, pipelines.face_table, pipelines.tables. What all rows and seeds share (corpus, fit,
+Used by: pipelines.face_table, pipelines.tables. What all rows and seeds share (corpus, fit,
 embedding, codebooks, critic) is computed first; then the models run in parallel, one per process. An interrupted run
 resumes: every model, the stages after its training and its row are kept in the result store.
 """
@@ -30,14 +30,12 @@ AnyResult = TypeVar("AnyResult", bound="SeedResult")
 
 @dataclass(frozen=True)
 class RowResult:
-    """A row with one seed: the paths of its metrics, and for a model of its samples (if the row reads them) and of the
-    model, with the CPU seconds of its training (None if `dvc repro` trained it)."""
+    """A row with one seed: the paths of its metrics, and for a model those of its samples and of the model."""
 
     name: str
     figures: Path
     samples: Path | None = None
     model: Path | None = None
-    training_cpu_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,6 @@ class RowSpec:
     """Definition of the rows: the name of their entries in the store, their code, their inputs, and their measurement.
 
     `measure` writes metrics.json. `models` are the models that are rows; real motion (`references`) is only measured.
-    `stages_after`: the stages after the training of a model that the row reads.
     """
 
     stage: str
@@ -55,7 +52,6 @@ class RowSpec:
     measure: Callable[[StageCall, Workspace], Report]
     models: tuple[str, ...]
     references: tuple[str, ...]
-    stages_after: tuple[str, ...] = ("sample",)
 
 
 @dataclass(frozen=True)
@@ -200,21 +196,19 @@ def _obtain(params: Mapping[str, Any], call: StageCall, upstream: Mapping[Path, 
 
 
 def _row(kind: RowSpec, shared_entries: Mapping[Path, StoredResult], work: tuple[Mapping[str, Any], str]) -> RowResult:
-    """Train one model with one seed, run the stages after the training, and measure it; real motion is only
-    measured."""
+    """Train and sample one model with one seed, and measure it; real motion is only measured."""
     params, name = work
     entries, of_model = dict(shared_entries), name not in kind.references
     if of_model:
         order = [("train", each) for each in _with_parts(params, [name])]
-        for call in stage_calls(params, [*order, *((stage, name) for stage in kind.stages_after)]):
+        for call in stage_calls(params, [*order, ("sample", name)]):
             entries[call.folder] = _obtain(params, call, entries)
-    own = tuple(f"data/{stage}/{name}" for stage in (*kind.stages_after, "train") if of_model)
+    own = tuple(f"data/{stage}/{name}" for stage in ("sample", "train") if of_model)
     corpus = "data/synthesize" if params["corpus"] == DEFAULT_CORPUS else params["corpus"]
     reads = (corpus, "data/fit", "data/embed", *kind.reads, *own)
     call = StageCall(kind.stage, name, reads, kind.code_deps, kind.sections)
     figures = get_or_run(Path(params["result_store"]), call, params, entries, kind.measure).output / METRICS_FILE
     if not of_model:
         return RowResult(name, figures)
-    samples, model = (entries.get(Path("data", stage, name)) for stage in ("sample", "train"))
-    assert model is not None
-    return RowResult(name, figures, samples.output if samples else None, model.output, model.cpu_s)
+    samples, model = (entries[Path("data", stage, name)].output for stage in ("sample", "train"))
+    return RowResult(name, figures, samples, model)

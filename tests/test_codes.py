@@ -1,4 +1,4 @@
-"""Finite scalar and residual quantisation, top-p sampling, annealing and free bits."""
+"""Finite scalar and residual quantisation, annealing and free bits."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from talkingeyes.models.layers.elementwise import ElementwiseQuantiser, Elementw
 from talkingeyes.models.layers.finite_scalar import FiniteScalarQuantiser, FiniteScalarQuantiserSettings
 from talkingeyes.models.layers.gradient_quantiser import GradientQuantiser, GradientQuantiserSettings
 from talkingeyes.models.layers.kl import AnnealingSettings, annealing_weight, free_bits_kl
-from talkingeyes.models.layers.nucleus import top_p_filter
 from talkingeyes.models.layers.quantiser import Quantiser
 from talkingeyes.models.layers.quantiser_factory import make_quantiser
 from talkingeyes.models.layers.residual import ResidualQuantiser, ResidualQuantiserSettings
@@ -141,24 +140,6 @@ def test_too_many_combinations_are_an_error() -> None:
         residual(2, 256)
     assert isinstance(make_quantiser(residual(2)), ResidualQuantiser)
     assert isinstance(make_quantiser(finite((3, 3)).settings), FiniteScalarQuantiser)
-
-
-@hypothesis_settings(max_examples=50, deadline=None)
-@given(st.integers(0, 2**31 - 1), st.floats(0.05, 0.99), st.floats(0.3, 2.0))
-def test_the_nucleus_is_the_smallest_that_keeps_the_mass(seed: int, top_p: float, temperature: float) -> None:
-    logits = 3 * torch.randn(4, 12, generator=torch.Generator().manual_seed(seed))
-    chances = (logits.double() / temperature).softmax(-1)
-    kept = top_p_filter(logits, top_p, temperature).isfinite()
-    for row, inside in zip(chances, kept, strict=True):
-        assert row[inside].sum() >= top_p - 1e-9
-        assert row[inside].sum() - row[inside].min() < top_p
-        assert inside.all() or row[inside].min() >= row[~inside].max()
-
-
-def test_top_p_of_1_and_temperature_0_change_nothing() -> None:
-    logits = torch.randn(3, 9)
-    assert top_p_filter(logits, 1.0, 0.7) is logits
-    assert top_p_filter(logits, 0.5, 0.0) is logits
 
 
 def test_annealing_rises_once_or_cyclically() -> None:

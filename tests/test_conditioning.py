@@ -1,4 +1,4 @@
-"""Conditioning besides speech: speaker, style reference, partner; and the initial pose."""
+"""Conditioning besides speech: speaker, style reference; and the initial pose."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from toy import CHANNELS, recordings
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.recordings import Recording
-from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.models.condition.conditioner import (
     CONDITIONERS,
     NO_CONDITIONING,
@@ -24,9 +23,7 @@ from talkingeyes.models.condition.conditioner import (
 )
 from talkingeyes.training import checkpoint
 from talkingeyes.training.conditioning import (
-    ConditioningPaths,
     ConditioningProvider,
-    collate_inputs,
     motion_array,
     speaker_index,
 )
@@ -37,7 +34,6 @@ from talkingeyes.training.motion_task import MotionTask, MotionTaskSettings
 KINDS: dict[str, dict[str, Any]] = {
     "speaker": {"condition_dropout": 0.0, "embedding_scale": {"head": 1.5, "gaze": 2.0}},
     "reference": {"style_dim": 4, "condition_dropout": 0.0},
-    "partner": {"channels": None, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0},
 }
 LONG = {"steps": 100, "learning_rate": 1e-2, "validate_every": 100}
 KNOWN = ConditioningSpec(NAMES, ("a", "b"))
@@ -52,12 +48,12 @@ def conditioner(kind: str) -> Any:
     return made.eval()
 
 
-def told(rows: int, frames: int = 40) -> ConditioningInputs:
+def told(rows: int) -> ConditioningInputs:
     """Conditioning inputs of all kinds; the last window has the null condition."""
     torch.manual_seed(2)
-    reference, partner = 0.1 * torch.randn(rows, 30, 9), torch.randn(rows, frames, CHANNELS)
-    reference[-1], partner[-1] = torch.nan, torch.nan
-    return ConditioningInputs(torch.tensor([*range(rows - 1), -1]), reference, partner)
+    reference = 0.1 * torch.randn(rows, 30, 9)
+    reference[-1] = torch.nan
+    return ConditioningInputs(torch.tensor([*range(rows - 1), -1]), reference)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -67,7 +63,7 @@ class TestContract:
         both = made(told(3), 3)
         for found in (both.head, both.gaze):
             assert found.shape[0] == 3
-            assert found.shape[1] in (1, 40)
+            assert found.shape[1] == 1
             assert found.shape[2] == 12
             assert torch.isfinite(found).all()
             assert (found[0] - found[1]).abs().max() > 1e-3
@@ -78,8 +74,6 @@ class TestContract:
         nothing, beside = made(NO_CONDITIONING, 2), made(told(3), 3)
         torch.testing.assert_close(beside.head[2:].mean(1), nothing.head[:1].mean(1))
         torch.testing.assert_close(beside.gaze[2:].mean(1), nothing.gaze[:1].mean(1))
-        if kind == "partner":
-            assert nothing.head.abs().max() == nothing.gaze.abs().max() == 0
 
     def test_gradients_are_finite_with_null_condition_rows(self, kind: str) -> None:
         made = conditioner(kind).train()
@@ -105,11 +99,11 @@ def people(count: int, seed: int) -> list[Recording]:
     return found
 
 
-def task_of(condition: dict[str, Any], beside: ConditioningPaths | None = None, **changes: Any) -> MotionTask:
+def task_of(condition: dict[str, Any], **changes: Any) -> MotionTask:
     node = translation("vae", **changes).model_dump(mode="json") | {"conditions": [condition]}
     node["weights"]["head_kl"] = 3.0  # with a weak weight the codes carry all information and the condition none
     settings = MotionTaskSettings.model_validate(node)
-    return MotionTask(settings, 0, people(12, seed=1), people(3, seed=2), NORMALISER, None, beside)
+    return MotionTask(settings, 0, people(12, seed=1), people(3, seed=2), NORMALISER, None, None)
 
 
 def aside_rad(task: MotionTask, one: ConditioningInputs) -> float:
@@ -204,48 +198,6 @@ def test_embedding_scale_increases_distances_of_speakers_in_sampling() -> None:
         torch.testing.assert_close(part[3], learnt[3])
         antisymmetric = made.antisymmetric.weight[:2].mean(0)
         torch.testing.assert_close(part[:2].mean(0) - learnt[:2].mean(0), (size - 1) * antisymmetric)
-
-
-def conversation(root: Path) -> ConditioningPaths:
-    """The partner's speech features for every second clip of `people`."""
-    rng = np.random.default_rng(5)
-    for seed, count in ((1, 12), (2, 3)):
-        for index, each in enumerate(people(count, seed)):
-            for name in ("speech", "partner")[: 1 + index % 2]:
-                path = make_shard_path(root / name, each.clip.sound, ".npy")
-                np.save(path, rng.standard_normal(each.speech.shape).astype(np.float32))
-    return ConditioningPaths(Corpus(root), root)
-
-
-def test_listener_motion_depends_on_partner_speech(tmp_path: Path) -> None:
-    beside = conversation(tmp_path)
-    task = task_of({"kind": "partner", **KINDS["partner"]}, beside, steps=20, validate_every=10)
-    history = train(task, task.settings.loop, "listener")
-    assert history[-1]["loss/total"] < history[0]["loss/total"]
-    silence = torch.zeros(60, CHANNELS)
-    talks = ConditioningInputs(partner=torch.randn(1, 60, CHANNELS))
-    alone, conditioned = (task.module.generate(silence, [1], 1.0, each) for each in (NO_CONDITIONING, talks))
-    nobody = task.module.generate(
-        silence, [1], 1.0, ConditioningInputs(partner=torch.full((1, 60, CHANNELS), torch.nan))
-    )
-    assert (alone.head - conditioned.head).abs().max() > 1e-4
-    assert (alone.gaze - conditioned.gaze).abs().max() > 1e-4
-    assert torch.equal(alone.gaze, nobody.gaze)
-
-
-def test_missing_partner_features_are_one_line_error() -> None:
-    with pytest.raises(InputError, match=r"^embed.include_partner: should be true"):
-        task_of({"kind": "partner", **KINDS["partner"]})
-
-
-def test_windows_and_partner_are_aligned(tmp_path: Path) -> None:
-    beside, clip = conversation(tmp_path), people(12, seed=1)[1].clip
-    conditioning_provider = ConditioningProvider({"partner"}, [], (), beside)
-    clip_inputs = conditioning_provider.clip_inputs(clip, 210).partner
-    assert clip_inputs is not None
-    part = collate_inputs([conditioning_provider.window(clip, slice(20, 70), True)]).partner
-    assert part is not None
-    torch.testing.assert_close(part, clip_inputs[:, 20:70])
 
 
 def start(changes: dict[str, Any], other: checkpoint.Checkpoint | None = None) -> MotionTask:

@@ -10,7 +10,6 @@ import pytest
 import torch
 import yaml
 from model_conf import MODEL_NAMES, model_section
-from pydantic import ValidationError
 from toy import recordings
 
 from talkingeyes.audio.encoder import ENCODERS, EmbedSettings, SpeechEncoder, make_encoder
@@ -87,15 +86,6 @@ def test_weight_of_unknown_term_is_an_error_with_known_terms() -> None:
     made = SpeechToMotion(settings, names, None, ("a", "b"))
     with pytest.raises(InputError, match=r"weights: should be among gaze_location, .*; got 'gaze_velocity'"):
         made.loss_terms(batch())
-
-
-def test_decoded_codes_need_their_loss_weight() -> None:
-    raw = model_section("talkingeyes_events")
-    raw["gaze"]["process"]["mixture_centres"] = "vq_vae"
-    with pytest.raises(ValidationError, match=r"weights\.gaze_mixture_centres should be above 0 .*, got none"):
-        MotionTaskSettings.model_validate(raw)
-    raw["weights"]["gaze_mixture_centres"] = 1.0
-    MotionTaskSettings.model_validate(raw)
 
 
 @pytest.mark.parametrize("name", MODELS)

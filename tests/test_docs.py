@@ -239,7 +239,7 @@ def test_the_manual_is_short() -> None:
         by_program = re.search(r"(?:^|is )written by `(?:python|make)", text, re.MULTILINE | re.IGNORECASE)
         lines = [line for line in text.splitlines() if not (by_program and line.startswith("|"))]
         words += sum(1 for line in lines for word in line.split() if re.search("[A-Za-z]", word))
-    assert 20_000 < words < 34_000
+    assert 20_000 < words < 32_000
 
 
 def test_entries_of_the_changelog_are_short() -> None:

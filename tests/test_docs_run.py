@@ -36,7 +36,6 @@ ELSEWHERE = {
     "talkingeyes track me.mp4 -o data/me": "a video of one person",
     "python -m pipelines.own_person data/me": "a video of one person (a synthetic person: test_own_person.py)",
     "talkingeyes animate speech.wav --model build/own_person/data/train/own_person -o build/me": "the same",
-    "python -m benchmarks.gaze_datasets DIR": "recordings that are not part of the project (test_gaze_datasets.py)",
     "python docs/recipes/vtube_studio_stream.py take/sample_00.npz": "VTube Studio",
     "python local_viewer.py --point_path AVATAR/point_cloud.ply --motion_path motion.npz": "GaussianAvatars",
 }

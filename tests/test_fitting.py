@@ -28,7 +28,6 @@ from talkingeyes.fitting.smoothing import (
     find_bursts,
     smooth_gaze,
     smooth_version,
-    whittaker_smooth,
 )
 from talkingeyes.head.landmarks import RIGID_LANDMARKS, head_to_scene, motion_landmarks, rest_landmarks
 from talkingeyes.orchestration.config import compose
@@ -353,7 +352,7 @@ def test_looking_down_is_no_blink_and_a_blink_is_one(settings: FitSettings):
     np.testing.assert_allclose(fit.motion.lid, lid, atol=0.1)
 
 
-@pytest.mark.parametrize("smoothing", ["none", "steps", "saccades"])
+@pytest.mark.parametrize("smoothing", ["none", "saccades"])
 def test_gaze_is_held_over_blinks(smoothing: str):
     """`saccades` shifts gaze within the first two frames of a blink and holds it there."""
     fit = fit_clip(scene(6).observation, variant(f"fit/smoothing={smoothing}"))
@@ -413,60 +412,47 @@ def test_a_squint_a_wink_and_a_lasting_fall_are_no_blinks(settings: FitSettings)
     assert find_blinks(trembling, FPS, settings.blink) == ()
 
 
-def test_a_step_survives_smoothing_and_a_burst_does_not():
-    steps = variant("fit/smoothing=steps").smoothing
+def test_a_step_survives_smoothing_and_a_burst_does_not(settings: FitSettings):
     rng = np.random.default_rng(0)
     space = np.zeros((120, 2, 2))
     space[60:, :, 0] = np.radians(8.0)
     noisy = space + np.radians(0.5) * rng.normal(size=space.shape)
     noisy[30:33, 1] += np.radians(15.0)
     seen = np.ones((120, 2), bool)
-    assert np.flatnonzero(find_bursts(noisy, seen, steps.burst)[:, 1]).tolist() == [30, 31, 32]
-    assert not find_bursts(noisy, seen, steps.burst)[:, 0].any()
-    smooth = smooth_gaze(noisy, seen, FPS, steps)
-    assert np.degrees(np.abs(smooth - space)).max() < 0.6
-    assert np.degrees(smooth[60] - smooth[59])[:, 0] == pytest.approx([8.0, 8.0], abs=0.6)
+    bursts = find_bursts(noisy, seen, settings.smoothing.burst)
+    assert np.flatnonzero(bursts[:, 1]).tolist() == [30, 31, 32]
+    assert not bursts[:, 0].any()
+    smooth = smooth_gaze(noisy, seen, FPS, settings.smoothing)
+    away = np.degrees(np.abs(smooth - space))
+    assert np.delete(away, [59, 60], axis=0).max() < 0.6
+    assert np.degrees(smooth[61] - smooth[58])[:, 0] == pytest.approx([8.0, 8.0], abs=0.6)
 
 
 def test_saccades_are_fitted_with_true_speed(settings: FitSettings):
-    """A saccade of 5 degrees takes 37 ms, mostly two steps between frames; a single step would be too fast."""
+    """A saccade of 5 degrees takes 37 ms, mostly two steps between frames."""
     rng = np.random.default_rng(1)
-    sharp, fitted, true = [], [], []
+    fitted, true = [], []
     for onset_s in np.arange(2.0, 2.04, 0.004):
         shift = law.sample_saccade(onset_s, np.zeros(2), np.radians([5.0, 0.0]), rng)
         path = law.gaze_path([shift], np.zeros(2), np.arange(100) / FPS)
         noisy = path + np.radians(0.6) * rng.normal(size=path.shape)
         both = np.repeat(noisy[:, None], 2, axis=1)
         seen = np.ones((100, 2), bool)
-        for found, kind in ((sharp, "steps"), (fitted, "saccades")):
-            smooth = smooth_gaze(both, seen, FPS, settings.smoothing.model_copy(update={"kind": kind}))
-            found.append(np.abs(np.diff(smooth[:, 0, 0])).max())
+        smooth = smooth_gaze(both, seen, FPS, settings.smoothing)
+        fitted.append(np.abs(np.diff(smooth[:, 0, 0])).max())
         true.append(np.abs(np.diff(path[:, 0])).max())
     assert np.mean(fitted) / np.mean(true) == pytest.approx(1.0, abs=0.08)
-    assert np.mean(sharp) / np.mean(true) > 1.12
 
 
-@pytest.mark.parametrize(("kind", "peak"), [("gaussian", 0.5), ("quadratic", 0.5), ("saccades", 0.8)])
-def test_temporal_terms_remove_noise_and_only_l0_keeps_peaks(kind: str, peak: float):
+def test_smoothing_removes_noise_and_keeps_peaks(settings: FitSettings):
     rng = np.random.default_rng(2)
     space = np.zeros((200, 2, 2))
     space[100:, :, 0] = np.radians(2.0)  # takes 28 ms: one step between frames
     noisy = space + np.radians(0.2) * rng.normal(size=space.shape)
-    smooth = smooth_gaze(noisy, np.ones((200, 2), bool), FPS, variant(f"fit/smoothing={kind}").smoothing)
+    smooth = smooth_gaze(noisy, np.ones((200, 2), bool), FPS, settings.smoothing)
     speed = np.abs(np.diff(smooth[:, 0, 0]))
     assert speed[:90].mean() < 0.4 * np.abs(np.diff(noisy[:90, 0, 0])).mean()
-    assert (speed.max() / np.radians(2.0) > peak) == (kind == "saccades")
-
-
-def test_quadratic_term_is_minimised(settings: FitSettings):
-    rng = np.random.default_rng(3)
-    track, known = rng.normal(size=(30, 2)), rng.random(30) < 0.8
-
-    def energy(path: np.ndarray) -> float:
-        return float(np.sum((path - track)[known] ** 2) + 3.0 * np.sum(np.diff(path, axis=0) ** 2))
-
-    best = whittaker_smooth(track, known, 3.0)
-    assert all(energy(best + 0.01 * rng.normal(size=best.shape)) > energy(best) for _ in range(20))
+    assert speed.max() / np.radians(2.0) > 0.8
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=30))

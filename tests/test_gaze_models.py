@@ -39,7 +39,6 @@ GAZE: dict[str, dict[str, Any]] = {
         "condition_lookahead": 3,
         "history_dropout": 0.0,
         "history": CLEAN,
-        "top_p": 1.0,
     },
     "point_process": {
         "fps": 25.0,
@@ -98,7 +97,6 @@ MEMBERS = {
     **{kind: Member(kind) for kind in GAZE},
     "categorical_noise": Member("categorical", {"history": NOISE}),
     "categorical_scheduled": Member("categorical", {"history": SCHEDULED}),
-    "categorical_top_p": Member("categorical", {"top_p": 0.9}),
     "categorical_fsq": Member("categorical", quantiser=FSQ),
     "categorical_residual": Member("categorical", {"history": NOISE}, quantiser=RESIDUAL),
     "regression_noise": Member("regression", {"history": NOISE}),

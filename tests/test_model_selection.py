@@ -1,4 +1,4 @@
-"""Model selection on val: `validate` with the gaze benchmark, and the table of combinations."""
+"""Model selection on val: `validate` with the gaze benchmark."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import toy_workspace
 
-from pipelines import combinations, critic, report, table_runs, validate
+from pipelines import critic, report, validate
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
@@ -28,13 +28,7 @@ from talkingeyes.evaluation.benchmark.paired import (
 )
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.model_selection.validation_metrics import SelectionMetric, ValidateSettings
-from talkingeyes.models.gaze.generator import GAZE_GENERATORS
-from talkingeyes.models.head.generator import HEAD_GENERATORS
-from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.result_store import get_or_run
-from talkingeyes.orchestration.run import Report, Workspace
-from talkingeyes.orchestration.stage_graph import StageCall
-from talkingeyes.training.motion_task import MotionTaskSettings
+from talkingeyes.orchestration.run import Workspace
 
 BOOTSTRAP = BootstrapSettings(n_resamples=50, confidence_level=0.95, seed=0)
 FPS, FRAMES, SOUNDS = 25.0, 250, 6
@@ -175,106 +169,3 @@ def test_validation_needs_no_file_of_test_or_unseen(workspace, tmp_path):
         validate.run(made, "random")
     first, second = (made.data("validate", "random", "metrics.json").read_bytes() for made in (workspace, alone))
     assert first == second
-
-
-def test_combination_has_metrics_and_cost(workspace):
-    validate.run(workspace, "random")
-    combinations._measure(StageCall("combination_metrics", "random", (), (), ()), workspace)
-    figures = json.loads(workspace.data("combination_metrics", "random", "metrics.json").read_text())
-    assert figures["parameters"] > 1000
-    assert figures["one_cpu_s"] > 0
-    assert figures["val"] == json.loads(workspace.data("validate", "random", "metrics.json").read_text())
-
-
-def test_every_kind_is_combined_with_every_other_and_learns_as_long():
-    params = compose(["experiment=head_gaze_combinations", "model.vae_head_base.loop.steps=7"])
-    assert set(combinations.HEADS) == set(HEAD_GENERATORS.kinds)
-    assert set(combinations.GAZES) == set(GAZE_GENERATORS.kinds)
-    weights: dict[str, set[frozenset[str]]] = {}
-    for head in combinations.HEADS:
-        for gaze in combinations.GAZES:
-            made = MotionTaskSettings.model_validate(params["model"][f"{head}_{gaze}"])
-            assert (made.head.kind, made.gaze.kind) == (head, gaze)
-            assert (made.loop.steps, made.loop.validate_every, made.loop.batch) == (7, 7, 8)
-            assert made.speech.model_dump(mode="json") == params["model"]["talkingeyes_events"]["speech"] | {
-                key: value
-                for key, value in made.speech.model_dump(mode="json").items()
-                if key not in params["model"]["talkingeyes_events"]["speech"]
-            }
-            assert (made.tokenizer in params["pretrain"]) == (gaze in ("categorical", "regression"))
-            for part, kind in (("head_", head), ("gaze_", gaze)):
-                own = frozenset(name for name in made.weights if name.startswith(part))
-                assert own
-                weights.setdefault(part + kind, set()).add(own)
-    assert all(len(found) == 1 for found in weights.values()), "a part has the same terms in every combination"
-    assert params["model"][combinations.CANONICAL]["source_models"] == ["vae_point_process"]
-
-
-def seed_of(comparable=60.0, training=10.0, corr=0.2):
-    """Metrics of one seed."""
-    corrs = {name: corr for name in ("corr", "corr_gaze_in_space", "corr_head")}
-    fitted = {name.replace("corr", "corr_fitted"): 0.4 for name in corrs}
-    val = {**corrs, **fitted, "dynamics_distance": 0.5, "metrics_worse": 20.0, "metrics_comparable": comparable}
-    return {"parameters": 12345, "one_cpu_s": 0.1, "ten_cpu_s": 0.5, "val": val, "training_cpu_s": training}
-
-
-def test_page_has_settings_and_missing_values():
-    params = compose(["experiment=head_gaze_combinations"])
-    table = {
-        "vae_point_process": [seed_of(), seed_of(corr=0.4, training=20.0)],
-        "vqvae_vae": [seed_of(training=None)] * 2,
-    }
-    text = combinations.page(table, params, " seeds=0,1", [0, 1])
-    assert "for 200 steps of 8 windows" in text
-    assert "; of 60." in text
-    lines = {line.split(" | ")[0] + line.split(" | ")[1]: line for line in text.splitlines() if line.startswith("| ")}
-    assert "| 12,345 | 15 |" in lines["| VAEpoint process"]  # the means of the seeds
-    assert "| 0.300 |" in lines["| VAEpoint process"]
-    assert "| 12,345 | – |" in lines["| VQ-VAEVAE"]
-    assert "0.400 | 0.400 | 0.400" in lines["| *fitted motion*"]
-    assert len({line.count("|") for line in lines.values()}) == 1
-    wide = combinations.page({"vae_vae": [seed_of(50.0), seed_of(55.0)]}, params, "", [0, 1])
-    assert "; of 50 to 55." in wide
-
-
-def test_what_is_asked():
-    wanted = combinations.options(["experiment=tiny", "model.vae_head_base.loop.steps=4"])
-    assert wanted.seeds == [0]
-    assert wanted.overrides == ["experiment=[head_gaze_combinations,tiny]", "model.vae_head_base.loop.steps=4"]
-    assert combinations.options(["seeds=1,2"]).seeds == [1, 2]
-
-
-def test_row_needs_its_inputs_and_has_training_time(monkeypatch, tmp_path):
-    params, asked = compose(["experiment=head_gaze_combinations", f"result_store={tmp_path}"]), []
-
-    def obtained(params, call, upstream):
-        asked.append(call.address)
-
-        def make(call, workspace):
-            with workspace.output(call.stage, *call.names) as folder:
-                (folder / table_runs.METRICS_FILE).write_text("{}")
-            return Report()
-
-        plain = replace(call, inputs=(), code_deps=(), sections=())
-        return get_or_run(tmp_path, plain, {"corpus": "data/synthesize", "machine": {}}, {}, make)
-
-    monkeypatch.setattr(table_runs, "_obtain", obtained)
-
-    def metric(call, workspace):
-        with workspace.output(call.stage, *call.names) as folder:
-            (folder / table_runs.METRICS_FILE).write_text("{}")
-        return Report()
-
-    kind = table_runs.RowSpec(
-        "combination_metrics", (), (), (), metric, ("vae_canonical_correlation",), (), stages_after=("validate",)
-    )
-    first, again = (table_runs._row(kind, {}, (params, "vae_canonical_correlation")) for _ in range(2))
-    assert asked[:3] == [
-        "train@vae_point_process",
-        "train@vae_canonical_correlation",
-        "validate@vae_canonical_correlation",
-    ]
-    assert first.samples is None
-    assert first.training_cpu_s is not None
-    assert first.training_cpu_s > 0
-    assert first == again, "what it took is kept with the result"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -186,30 +185,3 @@ def test_samples_exclude_observation_noise() -> None:
         sampled = sample_events(process, torch.zeros(200, 18, 3), torch.rand(200, 18, 5), 1.0)
         off.append(np.sqrt(np.square(np.abs(sampled.location[sampled.event][:, 0]) - 1).mean()))
     assert off[0] < 0.7 * noise < 0.9 * noise < off[1]
-
-
-@pytest.mark.parametrize("mixture_centres", ["k_means", "vq_vae"])
-def test_codebook_finds_event_locations(mixture_centres: str) -> None:
-    process = made(mixture_centres=mixture_centres, absolute_components=8).train()
-    targets = torch.tensor([[1.0, 0.5], [-1.0, 0.5], [1.0, -0.5], [-1.0, -0.5]])
-    optimiser = torch.optim.Adam(process.mixture_centres.parameters(), lr=1e-2) if mixture_centres == "vq_vae" else None
-    events = EventSequence(torch.arange(20).expand(8, 20), torch.zeros(8, 20, 2), torch.ones(8, 20, dtype=torch.bool))
-    for _ in range(200):
-        locations = targets[torch.randint(0, 4, (8, 20))] + 0.05 * torch.randn(8, 20, 2)
-        loss_terms = process.loss_terms(replace(events, locations=locations), torch.zeros(8, 20, 3))
-        if optimiser is not None:
-            optimiser.zero_grad()
-            loss_terms["mixture_centres"].backward()  # type: ignore[no-untyped-call]
-            optimiser.step()
-    found = process.means().detach().clone()
-    assert torch.cdist(targets, found[:8]).min(1).values.max() < 0.1
-    process.zero_grad()
-    process.eval().loss_terms(events, torch.zeros(8, 20, 3))["location"].backward()  # type: ignore[no-untyped-call]
-    assert process.offsets.grad is not None and process.offsets.grad.abs().sum() > 0
-    assert all(each.grad is None for each in process.mixture_centres.parameters()), "likelihood moves no code"
-    torch.testing.assert_close(process.means(), found)  # nor does evaluation
-
-
-def test_clusters_need_absolute_components() -> None:
-    with pytest.raises(ValueError, match="absolute_components should be 2 or more"):
-        made(mixture_centres="k_means", absolute_components=0)

@@ -69,8 +69,10 @@ def test_heads_and_gaze_of_openface_turn_the_same_way(folder):
 def test_people_look_around_more_when_they_speak(folder):
     read = read_conversation(folder / "conversation_fixations.csv.gz")
     people = sorted(set(read.person))
-    speak, listen = (
-        np.array([read.of(person, state).spread_deg[0] for person in people]) for state in ("SPEAK", "LISTEN")
-    )
+    spread = {
+        state: np.degrees([read.of(person, state).centre_rad[:, 0].std() for person in people])
+        for state in ("SPEAK", "LISTEN")
+    }
+    speak, listen = spread["SPEAK"], spread["LISTEN"]
     assert len(people) == 12 and (speak > listen).sum() >= 11
     assert 7.0 < np.median(speak) < 12.0 and 1.0 < np.median(listen) < 4.0

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from pipelines import (
-    combinations,
     face_table,
     field_baselines,
     people,
@@ -39,10 +38,6 @@ def numbers(name: str) -> Any:
 
 def page(name: str) -> str:
     return (DOCS / f"{name}.md").read_text()
-
-
-def revision_of(text: str) -> str:
-    return text.replace("\n", " ").partition("at revision ")[2].partition(";")[0].partition(". ")[0]
 
 
 def data_tables(name: str) -> dict[str, ResultTable]:
@@ -78,14 +73,6 @@ def test_page_of_people() -> None:
 
 def test_page_of_the_field_s_baselines() -> None:
     assert page("field_baselines") == field_baselines.page(numbers("field_baselines"))
-
-
-def test_page_of_combinations(monkeypatch: Any) -> None:
-    text, found = page("combinations"), numbers("combinations")
-    monkeypatch.setattr(combinations, "revision", lambda: revision_of(text))
-    loop = {"loop": {"steps": 200, "batch": 8}}
-    params = {"model": dict.fromkeys(found["rows"], loop), "validate": {"bootstrap": {"confidence_level": 0.95}}}
-    assert text == combinations.page(found["rows"], params, " seeds=0,1,2", found["seeds"])
 
 
 def test_page_of_the_papers_tables() -> None:

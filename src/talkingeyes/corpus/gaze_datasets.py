@@ -79,14 +79,6 @@ class ConversationFixations:
         steps = np.degrees(np.diff(self.centre_rad, axis=0))
         return np.asarray(steps[(pause >= 0) & (pause < MAX_SHIFT_S)])
 
-    @property
-    def spread_deg(self) -> Float[ndarray, " 2"]:
-        """Standard deviation of yaw and pitch, with fixations weighted by duration."""
-        mean = np.average(self.centre_rad, axis=0, weights=self.duration_s)
-        return np.asarray(
-            np.degrees(np.sqrt(np.average((self.centre_rad - mean) ** 2, axis=0, weights=self.duration_s)))
-        )
-
 
 def read_andersson(path: Path) -> LabelledRecording:
     """Read one labelled .mat. Angles follow from the screen's size, resolution and distance in the file."""

@@ -4,14 +4,12 @@ Gaze in space is still between saccades, because the eyes counter-rotate the hea
 direction is smoothed by one of
 
     none        no smoothing; white noise of 0.3 px makes eyes move three to seven times too fast
-    gaussian    a temporal convolution: halves the peak speed of saccades
-    quadratic   minimises sum of |x_t - y_t|^2 + weight |x_t - x_t-1|^2 (Whittaker 1923): the same, but sharper
-    steps       the L0 gradient term: keeps steps, each one frame long (`fixation_segmentation.piecewise_constant`)
-    saccades    the same with a main-sequence saccade in place of each step (`fixation_segmentation.insert_saccades`)
+    saccades    the L0 gradient term, which keeps steps, with a main-sequence saccade in place of each step
+                (fixation_segmentation.py)
 
-Their difference (vergence and the axes of the eyes) changes slowly and is smoothed by a wide Gaussian. For steps and
-saccades, the residual within fixations is smoothed by a Gaussian and added back, so that drift and pursuit remain. In
-frames without visible gaze it is held; only `saccades` starts a gaze shift hidden by a blink at the start of the blink.
+Their difference (vergence and the axes of the eyes) changes slowly and is smoothed by a wide Gaussian. The residual
+within fixations is smoothed by a Gaussian and added back, so that drift and pursuit remain. In frames without visible
+gaze it is held; `saccades` starts a gaze shift hidden by a blink at the start of the blink.
 
 `convolution` is the paper's post-processing (section III-B.4) of a whole motion: eye-in-head is held over blinks, then
 head, eyes and face are each convolved in time. The paper does not print its kernel; here it is a Gaussian.
@@ -20,13 +18,12 @@ head, eyes and face are each convolved in time. The paper does not print its ker
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Literal, assert_never
+from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 from pydantic import Field
-from scipy.linalg import solveh_banded
 from scipy.ndimage import gaussian_filter1d
 
 from talkingeyes.core.motion import Motion
@@ -51,24 +48,6 @@ class NoSmoothing(Settings):
     kind: Literal["none"]
 
 
-class GaussianSettings(Settings):
-    """A temporal convolution; sigma in seconds."""
-
-    kind: Literal["gaussian"]
-    sigma_s: Positive
-    vergence_sigma_s: Positive
-    burst: BurstSettings
-
-
-class QuadraticSettings(Settings):
-    """`weight` of squared differences of adjacent frames, relative to squared distances to the fit."""
-
-    kind: Literal["quadratic"]
-    weight: Positive
-    vergence_sigma_s: Positive
-    burst: BurstSettings
-
-
 class PiecewiseConstantSettings(Settings):
     """`step_cost`: cost of a step in variances of the frame noise; `max_fixation_s`: longest segment without a step.
 
@@ -76,7 +55,7 @@ class PiecewiseConstantSettings(Settings):
     of the eyes.
     """
 
-    kind: Literal["steps", "saccades"]
+    kind: Literal["saccades"]
     step_cost: Positive
     max_fixation_s: Positive
     fixation_sigma_s: Positive
@@ -91,7 +70,7 @@ class ConvolutionSettings(Settings):
     sigma_s: Positive
 
 
-GazeInSpaceSettings = NoSmoothing | GaussianSettings | QuadraticSettings | PiecewiseConstantSettings
+GazeInSpaceSettings = NoSmoothing | PiecewiseConstantSettings
 SmoothingSettings = Annotated[GazeInSpaceSettings | ConvolutionSettings, Field(discriminator="kind")]
 
 
@@ -132,40 +111,14 @@ def smooth_gaze(
 
 
 def smooth_version(
-    version: Float[ndarray, "T 2"],
-    known: Bool[ndarray, " T"],
-    fps: float,
-    settings: GaussianSettings | QuadraticSettings | PiecewiseConstantSettings,
+    version: Float[ndarray, "T 2"], known: Bool[ndarray, " T"], fps: float, settings: PiecewiseConstantSettings
 ) -> Float[ndarray, "T 2"]:
-    """Smooth the mean direction of both eyes with the configured method."""
-    match settings:
-        case GaussianSettings():
-            return hold_last(_gaussian(version, known, settings.sigma_s * fps), known)
-        case QuadraticSettings():
-            return hold_last(whittaker_smooth(version, known, settings.weight), known)
-        case PiecewiseConstantSettings():
-            cost, longest = (
-                settings.step_cost * noise_variance(version, known),
-                max(2, round(settings.max_fixation_s * fps)),
-            )
-            path = piecewise_constant(version, known, cost, longest)
-            if settings.kind == "saccades":
-                path = insert_saccades(version, known, path, fps)
-            rest = _gaussian(version - path, known, settings.fixation_sigma_s * fps)
-            return path + hold_last(rest, known) if settings.kind == "saccades" else hold_last(path + rest, known)
-        case _:
-            assert_never(settings)
-
-
-def whittaker_smooth(track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"], weight: float) -> Float[ndarray, "T 2"]:
-    """Minimise squared distance in known frames + `weight` times squared steps: one banded system."""
-    frames = len(track)
-    banded = np.zeros((2, frames))
-    banded[1] = known + 1e-9
-    banded[1, :-1] += weight
-    banded[1, 1:] += weight
-    banded[0, 1:] = -weight
-    return np.asarray(solveh_banded(banded, np.where(known[:, None], track, 0.0)))
+    """Smooth the mean direction of both eyes."""
+    cost = settings.step_cost * noise_variance(version, known)
+    path = piecewise_constant(version, known, cost, max(2, round(settings.max_fixation_s * fps)))
+    path = insert_saccades(version, known, path, fps)
+    rest = _gaussian(version - path, known, settings.fixation_sigma_s * fps)
+    return np.asarray(path + hold_last(rest, known))
 
 
 def find_bursts(

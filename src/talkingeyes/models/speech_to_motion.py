@@ -86,21 +86,6 @@ class SpeechToMotionSettings(Settings):
     # Candidate temperatures, chosen on val by free-running statistics; a single one is used as it is.
     temperatures: tuple[Annotated[float, Field(ge=0)], ...]
 
-    @model_validator(mode="after")
-    def _learns(self) -> SpeechToMotionSettings:
-        """VQ-VAE mixture centres are trained by their own loss term only: without a weight they keep their initial
-        values."""
-        for part in ("head", "gaze"):
-            process = getattr(getattr(self, part), "process", None)
-            if getattr(process, "mixture_centres", None) == "vq_vae" and not self.weights.get(
-                f"{part}_mixture_centres"
-            ):
-                raise bounds_error(
-                    f"weights.{part}_mixture_centres should be above 0 for {part}.process.mixture_centres=vq_vae",
-                    self.weights.get(f"{part}_mixture_centres", "none"),
-                )
-        return self
-
 
 @dataclass(frozen=True)
 class MotionBatch:

@@ -19,7 +19,6 @@ import json
 import os
 import shutil
 import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, lru_cache
@@ -44,17 +43,12 @@ StageRunner = Callable[[StageCall, Workspace], Report]
 
 @dataclass(frozen=True)
 class StoredResult:
-    """One result in the store. `origin` is how it was obtained this time: made, store or dvc.
-
-    `cpu_s` is the CPU time of the creating process (without its child processes); None for results of `dvc repro`. For
-    a resumed stage it covers only the last part.
-    """
+    """One result in the store. `origin` is how it was obtained this time: made, store or dvc."""
 
     folder: Path
     key: str
     report: Report
     origin: str
-    cpu_s: float | None
 
     @property
     def output(self) -> Path:
@@ -85,21 +79,19 @@ def get_or_run(
         if folder.exists():
             damage = _damage(folder)
             if damage is None:
-                return StoredResult(folder, key, _report_of(folder), "store", _cpu_s_of(folder))
+                return StoredResult(folder, key, _report_of(folder), "store")
             print(f"store: {folder.name} is damaged ({damage}); it is recreated", file=sys.stderr)
             shutil.rmtree(folder)
         making = store / f".{folder.name}.partial"
         own = _dvc_output(call, params, read, checkout)
         if own is not None:
             _copy(own, making / call.folder)
-            report, cpu_s = Report(), None
+            report = Report()
         else:
-            start = time.process_time()
             report = _make(call, params, read, making, make)
-            cpu_s = time.process_time() - start
-        _keep(making, call, folder, {**made_from, "cpu_s": cpu_s}, report)
+        _keep(making, call, folder, made_from, report)
         shutil.rmtree(making)
-        return StoredResult(folder, key, _report_of(folder), "made" if own is None else "dvc", cpu_s)
+        return StoredResult(folder, key, _report_of(folder), "made" if own is None else "dvc")
 
 
 def link_output(entry: StoredResult, path: Path) -> None:
@@ -202,11 +194,6 @@ def _report_of(folder: Path) -> Report:
 
     rows = [MethodResult(**{**row, "artifacts": paths(row["artifacts"])}) for row in plain["rows"]]
     return Report(plain["metrics"], paths(plain["artifacts"]), rows)
-
-
-def _cpu_s_of(folder: Path) -> float | None:
-    found = json.loads((folder / "provenance.json").read_text()).get("cpu_s")
-    return None if found is None else float(found)
 
 
 def _stamps(output: Path) -> dict[str, list[int]]:

@@ -1,8 +1,7 @@
 """Conditioning inputs of windows and whole clips, for models that need them (models/condition/).
 
-The speaker and the partner's channel belong to the clip. An unseen speaker is replaced by a random training speaker,
-chosen by the sound. A reference is another clip of the same speaker from the train split: in training a window of it,
-as long as the window itself, otherwise the whole clip.
+An unseen speaker is replaced by a random training speaker, chosen by the sound. A reference is another clip of the same
+speaker from the train split: in training a window of it, as long as the window itself, otherwise the whole clip.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.recordings import Recording
-from talkingeyes.corpus.store import Corpus, shard_path
+from talkingeyes.corpus.store import Corpus
 from talkingeyes.models.condition.conditioner import ConditioningInputs, InputName
 from talkingeyes.models.condition.random_speaker import random_speaker
 from talkingeyes.models.gaze.gaze_signal import mirror_motion
@@ -31,7 +30,7 @@ WindowInputs = Mapping[str, ndarray]
 
 @dataclass(frozen=True)
 class ConditioningPaths:
-    """Paths of the sound and of the partner's embedding."""
+    """Where the sound and its embedding are."""
 
     corpus: Corpus
     embed: Path
@@ -47,7 +46,6 @@ class ConditioningProvider:
         reference_recordings: Sequence[Recording],
         conditioning_paths: ConditioningPaths | None,
     ) -> None:
-        """Raises InputError if the partner's channel is needed and was not embedded."""
         self.required_inputs, self.speakers, self.reference_recordings, self.conditioning_paths = (
             required_inputs,
             list(speakers),
@@ -59,12 +57,6 @@ class ConditioningProvider:
             [each.clip for each in reference_recordings] if "reference" in required_inputs else ()
         ):
             self.clips_by_speaker[clip.speaker].append(index)
-        if "partner" in required_inputs and (
-            conditioning_paths is None or not (conditioning_paths.embed / "partner").is_dir()
-        ):
-            raise InputError(
-                "embed.include_partner: should be true for a model conditioned on the partner's speech, got false"
-            )
 
     def window(self, clip: Clip, frames: slice, mirror: bool) -> WindowInputs:
         """Inputs of some frames of a clip. The same window always gets the same inputs."""
@@ -89,8 +81,6 @@ class ConditioningProvider:
         found: dict[str, ndarray] = {}
         if "speaker" in self.required_inputs:
             found["speaker"] = np.array(speaker_index(self.speakers, clip.speaker, clip.sound))
-        if "partner" in self.required_inputs:
-            found["partner"] = self._partner(clip, frames)
         if "sound" in self.required_inputs:
             found["sound"] = self._sound(clip, frames)
         return found
@@ -111,14 +101,6 @@ class ConditioningProvider:
         start = int(rng.integers(len(other) - frames + 1))
         head, gaze = other.head[start : start + frames], other.gaze[start : start + frames]
         return motion_array(*mirror_motion(head, gaze)) if mirror else motion_array(head, gaze)
-
-    def _partner(self, clip: Clip, frames: slice) -> Float[ndarray, "T C"]:
-        assert self.conditioning_paths is not None
-        path = shard_path(self.conditioning_paths.embed / "partner", clip.sound, ".npy")
-        if path.exists():
-            return np.array(np.load(path, mmap_mode="r")[frames])
-        own = np.load(shard_path(self.conditioning_paths.embed / "speech", clip.sound, ".npy"), mmap_mode="r")
-        return np.full((frames.stop - frames.start, own.shape[1]), np.nan, np.float32)
 
     def _sound(self, clip: Clip, frames: slice) -> Float[ndarray, " N"]:
         if self.conditioning_paths is None:

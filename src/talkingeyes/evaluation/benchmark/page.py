@@ -51,7 +51,7 @@ reference instead: the split-half floor, somewhat higher than for the whole.
 
 No single metric gives a ranking: the mean pose has the lowest L2, a frozen face always looks at the partner, and noise
 has the highest Diversity. [sensitivity.md](sensitivity.md) shows what each metric detects, [detectors.md](detectors.md)
-how accurate the detectors are and what recorded people give.
+how accurate the detectors are.
 
 ## Metrics
 

@@ -27,9 +27,9 @@ CLAIMS_TEXT = """## The paper's claims
 Fixed before the first run (`src/talkingeyes/evaluation/tables/claims.py`): a claim is reproduced if the interval of the
 difference over speakers (95 %) lies on its side of 0 in more than half of the seeds, not reproduced if it lies on the
 other side (how many on each: `seeds 2:1`), else undecided. "Does not affect" and "like" mean within 10 %. Where the
-eyes of a row stand still though the paper's move, the columns of the eyes decide nothing; why:
-`python -m benchmarks.free_running`. Limits are means over seeds. A claim is decided by the rows of its table (Table II:
-those of Table V) in the column that it names.
+eyes of a row stand still though the paper's move, the columns of the eyes decide nothing
+([why](log/2026-11-22-why-the-papers-order-differs.md)). Limits are means over seeds. A claim is decided by the rows of
+its table (Table II: those of Table V) in the column that it names.
 """
 ORDERS_TEXT = """## The paper's order of rows
 

@@ -1,4 +1,4 @@
-"""Conditioning of a model on more than its own speech: the speaker, a style reference, the partner's speech.
+"""Conditioning of a model on more than its own speech: the speaker, a style reference.
 
 Each kind is one file of this folder and one entry of the list `conditions` in conf/model/; `[]` means no conditioning
 (the paper). A conditioner yields vectors that are concatenated with the speech features, so they reach every generator
@@ -23,13 +23,12 @@ CONDITIONERS = ComponentRegistry(
     {
         "speaker": "talkingeyes.models.condition.speaker_embedding:SpeakerEmbedding",
         "reference": "talkingeyes.models.condition.style_encoder:StyleEncoder",
-        "partner": "talkingeyes.models.condition.partner_speech:PartnerSpeech",
     },
     ("required_inputs", "fit_statistics", "forward"),
 )
 ConditionSettings = Annotated[SerializeAsAny[ComponentSettings], BeforeValidator(CONDITIONERS.parse)]
 
-InputName = Literal["speaker", "reference", "partner", "sound"]
+InputName = Literal["speaker", "reference", "sound"]
 
 
 @dataclass(frozen=True)
@@ -38,13 +37,11 @@ class ConditioningInputs:
     window.
 
     `speaker` is an index into the list of the training speakers, followed by their mirror images. `reference` holds
-    head and eye-in-head (radians) of another clip, `partner` the embedding of the partner's channel, `sound` the
-    waveform of the speech, N / T samples per frame.
+    head and eye-in-head (radians) of another clip, `sound` the waveform of the speech, N / T samples per frame.
     """
 
     speaker: Int[Tensor, " B"] | None = None
     reference: Float[Tensor, "B R 9"] | None = None
-    partner: Float[Tensor, "B T C"] | None = None
     sound: Float[Tensor, "B N"] | None = None
 
     def to(self, device: torch.device) -> ConditioningInputs:

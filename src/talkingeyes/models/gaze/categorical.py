@@ -31,7 +31,6 @@ from talkingeyes.models.gaze.history import (
 from talkingeyes.models.gaze.saccade_rendering import SEED_OFFSET
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.categorical_sampling import sample_categorical
-from talkingeyes.models.layers.nucleus import top_p_filter
 from talkingeyes.models.layers.quantiser import squared_distances
 from talkingeyes.models.layers.transformer import Cache, CausalTransformer, CrossAttentionWindow, TransformerSettings
 
@@ -48,8 +47,6 @@ class CategoricalGazeSettings(ComponentSettings):
     history_dropout: Annotated[float, Field(ge=0, lt=1)]
     # The history used in training.
     history: CodeHistorySettings
-    # Nucleus sampling: codes are sampled among the most probable ones with this total probability; 1: among all.
-    top_p: Annotated[float, Field(gt=0, le=1)]
 
 
 @dataclass(frozen=True)
@@ -164,9 +161,7 @@ class CategoricalGaze(nn.Module):
         first = run.cache.position == 0
         logits = self.out(self.transformer.step(x + memory, run.cache))
         logits = self._mask_first_stay(logits) if first else logits
-        run.before = sample_categorical(
-            top_p_filter(logits[:, 0], self.settings.top_p, temperature), uniform, temperature
-        )
+        run.before = sample_categorical(logits[:, 0], uniform, temperature)
         stay = run.before == self.stay
         values = self.codebook.code_values(run.before)
         patch = self.codebook.step(values, stay, None if first else run.last_frame, run.decoder_cache)

@@ -1,9 +1,7 @@
 """Conditional VAE of head motion for streaming: a causal decoder, with latent codes sampled one at a time.
 
 It is trained like `vae` (TalkingEyes eq. 8, 11 to 13). Each code is sampled from uniform numbers through the inverse
-normal CDF, so that the codes of a longer speech start with the codes of a shorter one. With the prior `conditional`, a
-code is normal given the speech so far and the code before it (Chung et al. 2015), not N(0, I): what speech tells about
-the posterior's codes is then not lost when they are sampled.
+normal CDF, so that the codes of a longer speech start with the codes of a shorter one.
 """
 
 from __future__ import annotations
@@ -13,7 +11,6 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import torch
-import torch.nn.functional as F
 from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
@@ -21,7 +18,7 @@ from torch import Tensor, nn
 from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models.head.generator import HeadPrediction
 from talkingeyes.models.head.vae import VAEHead, VAEHeadSettings
-from talkingeyes.models.layers.conditional_vae import DiagonalGaussian, VAESettings
+from talkingeyes.models.layers.conditional_vae import VAESettings
 from talkingeyes.models.layers.convolution import ConvolutionStack
 from talkingeyes.models.layers.normaliser import MotionNormaliser
 
@@ -32,8 +29,8 @@ class CausalVAEHeadSettings(VAESettings, ComponentSettings):
     kind: Literal["causal_vae"]
     # Frames per latent code. One code per clip cannot be streamed.
     latent_frames: Annotated[int, Field(gt=0)]
-    # Of the codes: N(0, I) as in the paper, or given the speech so far and the code before.
-    prior: Literal["standard", "conditional"]
+    # Of the codes: N(0, I) as in the paper; packed models name it.
+    prior: Literal["standard"]
     # Factor on the standard deviation of sampled codes.
     temperature: Annotated[float, Field(gt=0, le=1)]
     # Factor on the deviation of sampled heads from the mean pose, which the means of a VAE are drawn to.
@@ -42,17 +39,12 @@ class CausalVAEHeadSettings(VAESettings, ComponentSettings):
 
 @dataclass
 class _LatentState:
-    """Latent codes sampled so far for a batch: the index of the next frame, and the codes from index `first` on.
-
-    `features`: those of the prior, of the frames from `first_feature` on.
-    """
+    """Latent codes sampled so far for a batch: the index of the next frame, and the codes from index `first` on."""
 
     generators: Sequence[torch.Generator]
     frame: int = 0
     first: int = 0
     codes: list[Float[Tensor, "B Z"]] = field(default_factory=list)
-    features: Float[Tensor, "B F W"] | None = None
-    first_feature: int = 0
 
     @classmethod
     def of(cls, seeds: Sequence[int]) -> _LatentState:
@@ -63,44 +55,6 @@ class _LatentState:
     def next_code(self) -> int:
         """Index of the code that is sampled next."""
         return self.first + len(self.codes)
-
-    def add_features(self, features: Float[Tensor, "B T W"]) -> None:
-        """Append the features of the next frames."""
-        self.features = features if self.features is None else torch.cat([self.features, features], dim=1)
-
-    def features_at(self, frame: int) -> Float[Tensor, "B W"]:
-        """Features of a frame; those of the frames before it are not needed any more."""
-        assert self.features is not None
-        self.features = self.features[:, frame - self.first_feature :]
-        self.first_feature = frame
-        return self.features[:, 0]
-
-
-class CodePrior(nn.Module):
-    """Normal distribution of each latent code given the speech so far and the code before it."""
-
-    def __init__(self, settings: CausalVAEHeadSettings, speech: int) -> None:
-        super().__init__()
-        self.span = settings.latent_frames
-        self.stack = ConvolutionStack(speech, settings.width, settings.layers, settings.dropout, lookahead=0)
-        self.hidden = nn.Linear(settings.width + settings.latent, settings.width)
-        self.moments = nn.Linear(settings.width, 2 * settings.latent)
-        nn.init.zeros_(self.moments.weight)  # N(0, I) at first
-        nn.init.zeros_(self.moments.bias)
-
-    def forward(self, codes: Float[Tensor, "B N Z"], speech: Float[Tensor, "B T S"]) -> DiagonalGaussian:
-        """The prior of true codes, each given the true one before it (training)."""
-        frames = [self.last_frame(index) for index in range(codes.shape[1])]
-        return self.given(self.stack(speech)[:, frames], F.pad(codes[:, :-1], (0, 0, 1, 0)))
-
-    def given(self, features: Float[Tensor, "B N W"], previous: Float[Tensor, "B N Z"]) -> DiagonalGaussian:
-        """The prior given features of the speech and the codes before."""
-        mean, log_variance = self.moments(F.gelu(self.hidden(torch.cat([features, previous], dim=-1)))).chunk(2, dim=-1)
-        return DiagonalGaussian(mean, log_variance.clamp(-10, 10))
-
-    def last_frame(self, index: int) -> int:
-        """The last frame of speech that a code may depend on: the first one whose motion depends on the code."""
-        return 0 if index < 2 else (2 * index - 1) * self.span // 2
 
 
 class CausalVAEHead(nn.Module):
@@ -121,8 +75,6 @@ class CausalVAEHead(nn.Module):
         vae.decoder = ConvolutionStack(
             settings.latent + speech, settings.width, settings.layers, settings.dropout, lookahead=0
         )
-        if settings.prior == "conditional":
-            vae.prior = CodePrior(settings, speech)
 
     @property
     def normal(self) -> MotionNormaliser:
@@ -135,8 +87,7 @@ class CausalVAEHead(nn.Module):
 
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
         """Sample head motion with codes from the prior, one seed per row."""
-        features = self.prior.stack(speech).cpu() if self.prior else None
-        codes = self.interpolate_latents(_LatentState.of(seeds), speech.shape[1], features)
+        codes = self.interpolate_latents(_LatentState.of(seeds), speech.shape[1])
         decoder_input = torch.cat([codes.to(speech), speech], dim=-1)
         return self.decoded_head(self.decoder(decoder_input))
 
@@ -153,22 +104,8 @@ class CausalVAEHead(nn.Module):
         """The decoder of latent codes and speech."""
         return self.vae_head.vae.decoder
 
-    @property
-    def prior(self) -> CodePrior | None:
-        """The prior of the latent codes; None: N(0, I)."""
-        prior = self.vae_head.vae.prior
-        assert prior is None or isinstance(prior, CodePrior)
-        return prior
-
-    def interpolate_latents(
-        self, latent_state: _LatentState, frames: int, features: Float[Tensor, "B T W"] | None
-    ) -> Float[Tensor, "B T Z"]:
-        """Codes at their centres, interpolated to the next frames at constant variance (as in ConditionalVAE).
-
-        `features` are those of the prior, of the next frames.
-        """
-        if features is not None:
-            latent_state.add_features(features)
+    def interpolate_latents(self, latent_state: _LatentState, frames: int) -> Float[Tensor, "B T Z"]:
+        """Codes at their centres, interpolated to the next frames at constant variance (as in ConditionalVAE)."""
         span = self.settings.latent_frames
         place = ((torch.arange(latent_state.frame, latent_state.frame + frames) + 0.5) / span - 0.5).clamp(min=0)
         left = place.floor().long()
@@ -185,15 +122,8 @@ class CausalVAEHead(nn.Module):
 
     def _draw(self, latent_state: _LatentState) -> Float[Tensor, "B Z"]:
         uniform = torch.stack([torch.rand(self.settings.latent, generator=each) for each in latent_state.generators])
-        normal: Tensor = self.settings.temperature * torch.special.ndtri(uniform.clamp(1e-7, 1 - 1e-7))
-        if self.prior is None:
-            return normal
-        speech = latent_state.features_at(self.prior.last_frame(latent_state.next_code))
-        previous = latent_state.codes[-1] if latent_state.codes else torch.zeros_like(normal)
-        device = self.prior.moments.weight.device
-        prior = self.prior.given(speech[:, None].to(device), previous[:, None].to(device))
-        code: Tensor = prior.mean.cpu() + normal[:, None] * (0.5 * prior.log_variance).exp().cpu()
-        return code[:, 0]
+        code: Tensor = self.settings.temperature * torch.special.ndtri(uniform.clamp(1e-7, 1 - 1e-7))
+        return code
 
 
 class HeadStream:
@@ -201,11 +131,9 @@ class HeadStream:
 
     def __init__(self, head: CausalVAEHead, seed: int) -> None:
         self._head, self._codes, self._decoder = head, _LatentState.of([seed]), head.decoder.stream()
-        self._prior = head.prior.stack.stream() if head.prior else None
 
     def step(self, speech: Float[Tensor, "1 T S"]) -> Float[Tensor, "1 T 3"]:
         """Head rotation vectors of the next frames."""
-        features = torch.from_numpy(self._prior.step(speech[0].numpy()))[None] if self._prior else None
-        codes = self._head.interpolate_latents(self._codes, speech.shape[1], features)
+        codes = self._head.interpolate_latents(self._codes, speech.shape[1])
         decoded = torch.from_numpy(self._decoder.step(torch.cat([codes, speech], dim=-1)[0].numpy()))[None]
         return self._head.decoded_head(decoded)

@@ -54,12 +54,9 @@ class DiagonalGaussian:
         """KL divergence from N(0, I) (eq. 13), mean over codes and dimensions."""
         return self.divergence_per_dim().mean()
 
-    def divergence_per_dim(self, prior: DiagonalGaussian | None = None) -> Float[Tensor, "B N Z"]:
-        """KL divergence of each dimension from a prior, by default N(0, I), in nats."""
-        if prior is None:
-            return -0.5 * (1 + self.log_variance - self.log_variance.exp() - self.mean.square())
-        narrower = self.log_variance - prior.log_variance
-        return -0.5 * (1 + narrower - narrower.exp() - (self.mean - prior.mean).square() / prior.log_variance.exp())
+    def divergence_per_dim(self) -> Float[Tensor, "B N Z"]:
+        """KL divergence of each dimension from N(0, I), in nats."""
+        return -0.5 * (1 + self.log_variance - self.log_variance.exp() - self.mean.square())
 
 
 @dataclass(frozen=True)
@@ -82,7 +79,6 @@ class ConditionalVAE(nn.Module):
         self.moments = nn.Linear(settings.width, 2 * settings.latent)
         self.decoder = ConvolutionStack(settings.latent + condition, settings.width, settings.layers, settings.dropout)
         self.out = nn.Linear(settings.width, features)
-        self.prior: nn.Module | None = None  # of codes given their condition; None: N(0, I)
 
     def latent_count(self, frames: int) -> int:
         """Number of latent codes of a motion of `frames` frames."""
@@ -96,11 +92,11 @@ class ConditionalVAE(nn.Module):
         mean, log_variance = pooled.chunk(2, dim=-1)
         return DiagonalGaussian(mean, log_variance.clamp(-10, 10))
 
-    def kl_loss(self, posterior: DiagonalGaussian, prior: DiagonalGaussian | None = None) -> Float[Tensor, ""]:
+    def kl_loss(self, posterior: DiagonalGaussian) -> Float[Tensor, ""]:
         """KL loss (eq. 13) at the current training step, annealed and with free bits."""
         kl = self.settings.kl
         return annealing_weight(kl.annealing, self.trained_steps) * free_bits_kl(
-            posterior.divergence_per_dim(prior), kl.free_bits
+            posterior.divergence_per_dim(), kl.free_bits
         )
 
     def reconstruct(
@@ -112,13 +108,12 @@ class ConditionalVAE(nn.Module):
         """Reconstruct a true motion given its condition (training)."""
         posterior = self.encode(motion, condition)
         codes = posterior.rsample()
-        prior = None if self.prior is None else self.prior(codes, condition)
         decoded = self.decode(codes, condition)
         return VAEReconstruction(
             decoded,
             losses.reconstruction(decoded, motion, norm),
             losses.velocity(decoded, motion, norm),
-            losses.divergence_as_norm(self.kl_loss(posterior, prior), posterior.mean, norm),
+            losses.divergence_as_norm(self.kl_loss(posterior), posterior.mean, norm),
         )
 
     def sample(

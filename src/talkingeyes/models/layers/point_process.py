@@ -15,17 +15,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
-from pydantic import Field, model_validator
+from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.core.settings import Settings, bounds_error
+from talkingeyes.core.settings import Settings
 from talkingeyes.models.layers.convolution import ConvolutionStack
-from talkingeyes.models.layers.mixture_centres import MIXTURE_CENTRES, MixtureCentresKind
 from talkingeyes.models.layers.numpy_point_process import MAX_LOG_SCALE, MAX_LOG_SD, MIN_LOG_SD, MIN_VARIANCE_RATIO
 from talkingeyes.models.layers.previous_steps import previous_step_encodings
 from talkingeyes.models.layers.revisit_mixture import PreviousLocations, RevisitMixture
@@ -48,8 +47,8 @@ class PointProcessSettings(Settings):
     # Number of mixture components at fixed centres, and of those near the present location.
     absolute_components: Annotated[int, Field(ge=0)]
     relative_components: Annotated[int, Field(gt=0)]
-    # How the centres of the absolute components are learned (mixture_centres.py).
-    mixture_centres: MixtureCentresKind
+    # The centres of the absolute components are trained by the likelihood; packed models name this kind.
+    mixture_centres: Literal["learned"]
     # Whether the features shift and scale the relative components, all by the same amount.
     adaptive_components: bool
     # Number of previous steps in the features.
@@ -62,15 +61,6 @@ class PointProcessSettings(Settings):
     # In training: fraction of past events that are hidden, and noise on past locations (in units of the scale).
     history_dropout: Annotated[float, Field(ge=0, lt=1)]
     history_noise: Annotated[float, Field(ge=0)]
-
-    @model_validator(mode="after")
-    def _clusters(self) -> PointProcessSettings:
-        if self.mixture_centres != "learned" and self.absolute_components < 2:
-            raise bounds_error(
-                f"absolute_components should be 2 or more for mixture_centres={self.mixture_centres}",
-                self.absolute_components,
-            )
-        return self
 
 
 class CausalPointProcessSettings(PointProcessSettings):
@@ -152,7 +142,7 @@ class PointProcess(nn.Module):
         wide = torch.full((far + near, 1), INITIAL_SD)
         if far:
             start[0], wide[0] = 0.0, INITIAL_BACKGROUND_SD
-        self.mixture_centres = MIXTURE_CENTRES[settings.mixture_centres](start[:far].clone())
+        self.mixture_centres = nn.ParameterDict({"locations": nn.Parameter(start[:far].clone())})
         self.offsets = nn.Parameter(0.3 * start[far:])
         self.ar_coefficients = nn.Parameter(torch.linspace(*INITIAL_AR_COEFFICIENTS, near)[:, None].repeat(1, numbers))
         self.log_sds = nn.Parameter((wide * torch.tensor(spread)).log())
@@ -165,13 +155,12 @@ class PointProcess(nn.Module):
     def means(self) -> Float[Tensor, "M D"]:
         """Centres of the absolute components, followed by the offsets of the relative components from the present
         location."""
-        return torch.cat([self.mixture_centres(), self.offsets])
+        return torch.cat([self.mixture_centres["locations"], self.offsets])
 
     def loss_terms(self, events: EventSequence, condition: Float[Tensor, "B N C"]) -> dict[str, Tensor]:
-        """Negative log-likelihoods (`time` per bin, `location` per event) and any loss of the mixture centres."""
-        centre_losses = self.mixture_centres.auxiliary_loss(events.locations[events.mask])
+        """Negative log-likelihoods (`time` per bin, `location` per event)."""
         time, location = self._log_likelihoods(events, condition)
-        return {"time": -time.mean(), "location": -location.sum() / events.mask.sum(), **centre_losses}
+        return {"time": -time.mean(), "location": -location.sum() / events.mask.sum()}
 
     def log_likelihood(self, events: EventSequence, condition: Float[Tensor, "B N C"]) -> dict[str, Tensor]:
         """Log-likelihood of each sequence in nats, `time` and `location`, without the location of the first event."""
@@ -277,7 +266,7 @@ class PointProcess(nn.Module):
     ) -> _Mixture:
         """The mixture given features, present location and previous locations."""
         log_sd, back = self.clamped_log_sds()
-        far = self.mixture_centres().expand(*features.shape[:-1], -1, -1)
+        far = self.mixture_centres["locations"].expand(*features.shape[:-1], -1, -1)
         near: Tensor = self.offsets
         wide = log_sd[self.settings.absolute_components :]
         if self.shift_and_scale is not None:
