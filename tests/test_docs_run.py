@@ -69,7 +69,6 @@ def test_tutorial_writes_the_stated_files(project: Path) -> None:
 def test_commands_that_are_not_run_are_in_the_docs_and_listed() -> None:
     found = {line for page in RUN for line in lines(page)}
     assert ELSEWHERE.keys() <= found
-    assert len(ELSEWHERE) == 17
     assert set(OF_ITS_OWN) <= {name_of(page) for page in PAGES}
     assert sum(len(lines(page)) for page in RUN) >= 50
 
