@@ -125,7 +125,7 @@ def _figures(found: Sequence[SoundValidation], table: BenchmarkTable) -> dict[st
         MotionDynamics.pooled([getattr(clip, name) for clip in found]) for name in ("sampled", "truth", "fitted")
     )
     diversities, margins = _diversities(found), speed_margins(sampled, truth, fitted)
-    ratios = [margins[name] for name in ("eye_speed_ratio", "rest_ratio", "head_speed_ratio")]
+    ratios = [margins[name] for name in ("eye_speed_ratio", "rest_ratio_truth", "head_speed_ratio")]
     if "diversity_ratio" in diversities:
         margins["motion_distance"] = motion_distance([diversities["diversity_ratio"], *ratios])
     return {

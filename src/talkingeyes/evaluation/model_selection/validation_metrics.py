@@ -91,13 +91,17 @@ class MotionDynamics:
 
 
 def speed_margins(sampled: MotionDynamics, truth: MotionDynamics, fitted: MotionDynamics) -> dict[str, float]:
-    """Speeds of samples relative to the truth's, and the time that gaze is at rest relative to fitted motion."""
+    """Speeds of samples relative to the truth's, and the time that gaze is at rest relative to fitted motion's and to
+    the truth's."""
     top, top_of_truth = (float(np.quantile(each.eye_speed_deg_s, 0.99)) for each in (sampled, truth))
-    rest, rest_of_fitted = (still_fraction(each.gaze_in_space_speed_deg_s) for each in (sampled, fitted))
+    rest, rest_of_fitted, rest_of_truth = (
+        still_fraction(each.gaze_in_space_speed_deg_s) for each in (sampled, fitted, truth)
+    )
     return {
         "eye_speed_ratio": float(sampled.eye_speed_deg_s.mean() / truth.eye_speed_deg_s.mean()),
         "eye_speed_p99_ratio": top / top_of_truth,
         "rest_ratio": rest / rest_of_fitted,
+        "rest_ratio_truth": rest / rest_of_truth,
         "head_speed_ratio": float(sampled.head_speed_deg_s.mean() / truth.head_speed_deg_s.mean()),
     }
 
