@@ -180,8 +180,11 @@ def serve(
     from talkingeyes.animation.model_file import find_model, model_title, parts_title
     from talkingeyes.workflows.serve import LIMITS, find_live_model, run_service
 
-    files_model = find_model(model)
-    used = f"{parts_title(files_model)}, streams: {model_title(find_live_model(files_model, live_model))}"
+    def on_start(address: str) -> None:
+        files_model = find_model(model)
+        used = f"{parts_title(files_model)}, streams: {model_title(find_live_model(files_model, live_model))}"
+        typer.echo(f"{address} is ready ({used}); press Ctrl-C to stop")
+
     limits = replace(
         LIMITS, streams=streams, files=files, max_speech_s=max_seconds, max_upload_bytes=max_megabytes << 20
     )
@@ -193,5 +196,5 @@ def serve(
         limits=limits,
         jobs=jobs,
         stream_origins=origin or (),
-        on_start=lambda address: typer.echo(f"{address} is ready ({used}); press Ctrl-C to stop"),
+        on_start=on_start,
     )

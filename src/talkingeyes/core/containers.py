@@ -171,9 +171,8 @@ def read_member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, limit: int) -> 
         return b"".join(iter(lambda: stream.read(CHUNK_BYTES), b""))
 
 
-def read_csv(path: Path, text_columns: Sequence[str] = ()) -> pa.Table:
-    """A CSV table, plain or gzipped; columns in `text_columns` stay texts. Raises InputError (one line)."""
-    import pyarrow as pa
+def read_csv(path: Path) -> pa.Table:
+    """A CSV table, plain or gzipped. Raises InputError (one line)."""
     from pyarrow import csv
 
     with reading(path, "CSV table"):
@@ -182,8 +181,7 @@ def read_csv(path: Path, text_columns: Sequence[str] = ()) -> pa.Table:
         columns = sum(line.count(b",") + 1 for line in content[:MIB].splitlines()[:1])
         if columns > MAX_COLUMNS:
             raise ValueError(f"should have at most {MAX_COLUMNS:,} columns, got {columns:,}")
-        options = csv.ConvertOptions(column_types=dict.fromkeys(text_columns, pa.string()))
-        table = csv.read_csv(io.BytesIO(content), convert_options=options)
+        table = csv.read_csv(io.BytesIO(content))
         table.column_names  # noqa: B018  (decoded here, or never)
         return table
 
