@@ -13,11 +13,9 @@ from pathlib import Path
 
 import yaml
 
+from talkingeyes.evaluation.benchmark.corruptions import CORRUPTIONS, HALVINGS, UNCORRUPTED, Corruption
 from talkingeyes.evaluation.benchmark.registry import METRICS
-from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.distribution.encoder import EncoderSettings
-from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS, HALVINGS, UNCORRUPTED, Corruption
-from talkingeyes.evaluation.sensitivity.matrix import (
+from talkingeyes.evaluation.benchmark.sensitivity import (
     CorruptionEffect,
     SensitivityMatrix,
     SmallestDoses,
@@ -28,6 +26,8 @@ from talkingeyes.evaluation.sensitivity.matrix import (
     split_takes,
     train_pool_encoder,
 )
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.measures.motion_encoder import EncoderSettings
 from talkingeyes.evaluation.text_tables import csv_text, markdown_row
 from talkingeyes.orchestration.run import run_command
 from talkingeyes.synthesis.sketched_clips import SketchedClip, sketch_clips

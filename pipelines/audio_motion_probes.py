@@ -21,13 +21,13 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.recordings import Normaliser, Recording
 from talkingeyes.corpus.store import shard_path
-from talkingeyes.evaluation.benchmark.behaviour import behaviour
-from talkingeyes.evaluation.critic.contrastive_training import ChannelSelection
+from talkingeyes.evaluation.detectors.behaviour import behaviour
+from talkingeyes.evaluation.measures.critic import ChannelSelection
+from talkingeyes.evaluation.measures.pooled import no_measurement
 from talkingeyes.evaluation.reference_ranges import probes
-from talkingeyes.evaluation.reference_ranges.audio_motion_matching import SimilarityMatrix
-from talkingeyes.evaluation.reference_ranges.clip_data import no_measurement
 from talkingeyes.evaluation.reference_ranges.corpus_inputs import CorpusInputs, reference_motion
 from talkingeyes.evaluation.reference_ranges.measurements import Measurements
+from talkingeyes.evaluation.reference_ranges.probes import SimilarityMatrix
 from talkingeyes.orchestration.run import parallel_map
 
 MAX_CLIPS = 600
@@ -125,7 +125,7 @@ def train_tower(
     corpus_inputs: CorpusInputs, motions_of: MotionsOf, judged: Sequence[str], part: str
 ) -> SimilarityMatrix:
     """Train and evaluate the towers of one part."""
-    from talkingeyes.evaluation.reference_ranges.audio_motion_matching import train_similarity
+    from talkingeyes.evaluation.reference_ranges.probes import train_similarity
 
     content = json.loads((corpus_inputs.embed / "embedding.json").read_text())
     train_recordings, judged_recordings = (
@@ -140,7 +140,7 @@ def train_tower(
 
 def reason_against_towers(corpus_inputs: CorpusInputs, judged: Sequence[str]) -> str:
     """Why towers cannot be tested on these splits; empty if they can. Wrong sounds are of the same speaker."""
-    from talkingeyes.evaluation.reference_ranges.audio_motion_matching import MIN_WINDOWS
+    from talkingeyes.evaluation.reference_ranges.probes import MIN_WINDOWS
 
     speakers = Counter(clip.speaker for clip in tower_clips(corpus_inputs, judged)[1])
     comparable = sum(count for count in speakers.values() if count > 1)
@@ -153,7 +153,7 @@ def measure_towers(
     corpus_inputs: CorpusInputs, motions_of: MotionsOf, jobs: int, judged: Sequence[str] = JUDGED, jaw: bool = True
 ) -> Measurements:
     """AUC of right against wrong sounds, of gaze and head, and of the jaw unless the motions have none."""
-    from talkingeyes.evaluation.reference_ranges.audio_motion_matching import matching_auc, permutation_p_value
+    from talkingeyes.evaluation.reference_ranges.probes import matching_auc, permutation_p_value
 
     names = ["matching_auc_space", "matching_auc_gaze", "matching_p_gaze", *(["matching_auc_jaw"] if jaw else [])]
     if reason := reason_against_towers(corpus_inputs, judged):

@@ -28,9 +28,9 @@ from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.corpus.packed import EVALUATORS, PACKAGED, pack_corpus, unpack_corpus
 from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.evaluation.benchmark.comparison import MetricResult
-from talkingeyes.evaluation.benchmark.corr import CRITICS
-from talkingeyes.evaluation.critic.contrastive_training import CriticSettings
-from talkingeyes.evaluation.distribution.encoder import CHECKPOINT_NAME
+from talkingeyes.evaluation.measures.corr import CRITICS
+from talkingeyes.evaluation.measures.critic import CriticSettings
+from talkingeyes.evaluation.measures.motion_encoder import CHECKPOINT_NAME
 from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Workspace, parallel_map, run_command

@@ -16,10 +16,10 @@ from pipelines.evaluate import held_out_sounds
 from pipelines.evaluate_face import measure_faces
 from pipelines.table_runs import METRICS_FILE, RowResult, read_seed_results
 from talkingeyes.core.atomic_file import atomic_write
-from talkingeyes.evaluation.face.articulation import ArticulationMetrics
-from talkingeyes.evaluation.face.summary import FaceMetrics
-from talkingeyes.evaluation.face.vertices import VertexErrors
-from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
+from talkingeyes.evaluation.papers.probtalk3d_articulation import ArticulationMetrics
+from talkingeyes.evaluation.papers.probtalk3d_metrics import FaceMetrics
+from talkingeyes.evaluation.papers.probtalk3d_vertices import VertexErrors
+from talkingeyes.evaluation.papers.talkingeyes_metrics import EvaluateSettings
 from talkingeyes.orchestration.mlflow_logging import revision
 from talkingeyes.orchestration.run import Report, Workspace
 from talkingeyes.orchestration.stage_graph import StageCall
@@ -28,7 +28,7 @@ from talkingeyes.orchestration.stage_graph import StageCall
 ROW_CODE = (
     "pipelines/evaluate_face.py",
     "pipelines/face_rows.py",
-    "src/talkingeyes/evaluation/face",
+    "src/talkingeyes/evaluation/papers",
     "src/talkingeyes/head",
 )
 FOLDER = "face_rows"

@@ -43,20 +43,21 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.face.articulation import OPEN_VOWELS
-from talkingeyes.evaluation.face.pictures import frame_sheet, heat_map_sheet
-from talkingeyes.evaluation.face.summary import paired_differences, summarise_seeds
-from talkingeyes.evaluation.face.surface import FaceSurface
-from talkingeyes.evaluation.face.table import (
+from talkingeyes.evaluation.papers.probtalk3d_articulation import OPEN_VOWELS
+from talkingeyes.evaluation.papers.probtalk3d_metrics import paired_differences, summarise_seeds
+from talkingeyes.evaluation.papers.probtalk3d_surface import FaceSurface
+from talkingeyes.evaluation.papers.probtalk3d_table import (
     ARTICULATION_COLUMNS,
     ERROR_COLUMNS,
     PAPER_COLUMNS,
     PUBLISHED,
     TITLES,
     face_markdown,
+    frame_sheet,
+    heat_map_sheet,
 )
-from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
-from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES
+from talkingeyes.evaluation.papers.table3 import SPLIT_TITLES
+from talkingeyes.evaluation.papers.talkingeyes_metrics import EvaluateSettings
 from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.head.anny import anny_head
 from talkingeyes.models.face.style import NEUTRAL, FaceStyle, StyleKey

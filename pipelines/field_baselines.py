@@ -32,13 +32,10 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import SampleSettings
 from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
 from talkingeyes.evaluation.benchmark.comparison import MetricResult
-from talkingeyes.evaluation.benchmark.metric import CLOSER, HIGHER
 from talkingeyes.evaluation.benchmark.table import from_json
-from talkingeyes.evaluation.paper_metrics.requirements import (
-    model_requirements,
-    to_json,
-)
-from talkingeyes.evaluation.paper_metrics.table3 import TITLES
+from talkingeyes.evaluation.measures.metric import CLOSER, HIGHER
+from talkingeyes.evaluation.papers.table3 import TITLES
+from talkingeyes.evaluation.report.requirements import model_requirements, to_json
 from talkingeyes.evaluation.text_tables import markdown_row
 from talkingeyes.orchestration.run import Workspace, parallel_map, run_command
 from talkingeyes.workflows.evaluate_people import MOTIONS, TRUTH, evaluate_people

@@ -27,7 +27,7 @@ from talkingeyes.corpus.recordings import Recording, recordings
 from talkingeyes.corpus.samples import SampleSettings
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, bootstrap, ratio_statistic
-from talkingeyes.evaluation.head_pose.own_person import PARTS, ClipStyle, StyleComparison, compare_styles
+from talkingeyes.evaluation.papers.posegan_movement import PARTS, ClipStyle, StyleComparison, compare_styles
 from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.orchestration.config import compose

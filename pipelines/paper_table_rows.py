@@ -17,10 +17,10 @@ from pipelines.table_runs import METRICS_FILE
 from talkingeyes.core.progress import progress_bar
 from talkingeyes.corpus.recordings import Recordings
 from talkingeyes.corpus.sound_groups import SoundGroup
-from talkingeyes.evaluation.critic.evaluators import Evaluators
-from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
-from talkingeyes.evaluation.tables.definitions import REFERENCES
-from talkingeyes.evaluation.tables.row_metrics import SoundMetrics, high_frequency_motion, sound_metrics
+from talkingeyes.evaluation.measures.critic import Evaluators
+from talkingeyes.evaluation.papers.talkingeyes_metrics import EvaluateSettings
+from talkingeyes.evaluation.papers.talkingeyes_results import SoundMetrics, high_frequency_motion, sound_metrics
+from talkingeyes.evaluation.papers.talkingeyes_tables import REFERENCES
 from talkingeyes.orchestration.run import InputPaths, Report, Workspace
 from talkingeyes.orchestration.stage_graph import StageCall
 from talkingeyes.training.motion_generators import Speech, load_generator

@@ -138,7 +138,7 @@ def _digest(view: Path, name: str) -> str:
 
 def _measured(workspace: Path, view: Path, new_speakers: Path, seed: int) -> dict[str, Any]:
     """All metrics of one seed's models; from the file if it is up to date."""
-    from talkingeyes.evaluation.head_pose.evaluation import PoseInputPaths, evaluate_models
+    from talkingeyes.evaluation.papers.posegan_metrics import PoseInputPaths, evaluate_models
 
     path = workspace / "measured" / f"seed-{seed}.json"
     key = [_digest(view, name) for name in (*HEADS, *ABLATIONS)]
@@ -161,7 +161,7 @@ def _benchmark(workspace: Path, seeds: Sequence[int]) -> dict[str, list[dict[str
 
 
 def _write(workspace: Path, found: dict[int, dict[str, Any]], benchmark: dict[str, list[dict[str, Any]]]) -> None:
-    from talkingeyes.evaluation.head_pose.page import page
+    from talkingeyes.evaluation.papers.posegan_page import page
 
     tables = read_tables(page(list(found.values()), benchmark))
     (workspace / "posegan_table.csv").write_text(as_csv(tables.values()))

@@ -30,16 +30,11 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.gaze_datasets import read_andersson, read_conversation, read_openface
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.evaluation.benchmark.behaviour import behaviour
-from talkingeyes.evaluation.critic.contrastive_training import CriticSettings
-from talkingeyes.evaluation.reference_ranges import blinks, eyes, measurements, page, plots, probes, recorded_people
-from talkingeyes.evaluation.reference_ranges.clip_data import (
-    ClipData,
-    FrameProsody,
-    PooledArrays,
-    join_pools,
-    no_measurement,
-)
+from talkingeyes.evaluation.detectors.behaviour import behaviour
+from talkingeyes.evaluation.measures import blinks, eye_head
+from talkingeyes.evaluation.measures.critic import CriticSettings
+from talkingeyes.evaluation.measures.pooled import ClipData, FrameProsody, PooledArrays, join_pools, no_measurement
+from talkingeyes.evaluation.reference_ranges import measurements, page, plots, probes, recorded_people
 from talkingeyes.evaluation.reference_ranges.corpus_inputs import CorpusInputs, reference_motion
 from talkingeyes.evaluation.reference_ranges.measurements import RATES_FPS, Measurements
 from talkingeyes.evaluation.text_tables import markdown_table
@@ -67,7 +62,7 @@ INTRODUCTION = """# Reference ranges
 
 Written by `make reference-ranges`. Each statistic of eyes, head, lids and jaw in speech has a range that a corpus
 should meet, after published values of people. A range tests the data generator; it is not a claim about people.
-Measured in `src/talkingeyes/evaluation/reference_ranges/`.
+Measured in `src/talkingeyes/evaluation/measures/`.
 
 [reference_ranges.csv](reference_ranges.csv) has every statistic: published value, range, measured value, count, values
 of recorded people, source. Where a range was changed, the previous one is in parentheses with the reason. Certainty of
@@ -181,7 +176,7 @@ def measure_corpus(corpus_inputs: CorpusInputs, jobs: int) -> CorpusMeasurements
             measurements.measure_gaze_shifts(more)
             | measurements.measure_main_sequence(fast)
             | blinks.blink_kinematics(fast)
-            | {"head_onset_lag": eyes.onset_lag_ms(pool)}
+            | {"head_onset_lag": eye_head.onset_lag_ms(pool)}
         )
         pool = {**pool, **fast}
     if (corpus_inputs.embed / "embedding.json").is_file():

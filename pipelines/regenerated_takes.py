@@ -9,9 +9,10 @@ import numpy as np
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
-from talkingeyes.evaluation.benchmark.behaviour import behaviour
-from talkingeyes.evaluation.reference_ranges import blinks, measurements, saccades
-from talkingeyes.evaluation.reference_ranges.clip_data import join_pools
+from talkingeyes.evaluation.detectors.behaviour import behaviour
+from talkingeyes.evaluation.measures import blinks, saccades
+from talkingeyes.evaluation.measures.pooled import join_pools
+from talkingeyes.evaluation.reference_ranges import measurements
 from talkingeyes.evaluation.reference_ranges.corpus_inputs import CorpusInputs
 from talkingeyes.evaluation.reference_ranges.measurements import RATES_FPS
 from talkingeyes.synthesis import plan

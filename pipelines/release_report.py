@@ -39,18 +39,18 @@ from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.evaluation.benchmark.aversion_information import SoundAversion, aversion_information, sound_aversion
-from talkingeyes.evaluation.benchmark.corr import TITLES as CORR_TITLES
 from talkingeyes.evaluation.benchmark.paired import motion_behaviours, sample_behaviours
-from talkingeyes.evaluation.benchmark.partner_gaze import CURVES
 from talkingeyes.evaluation.benchmark.table import from_json
 from talkingeyes.evaluation.benchmark.table import markdown as benchmark_markdown
 from talkingeyes.evaluation.bootstrap import Estimate, bootstrap, mean_statistic
-from talkingeyes.evaluation.critic.evaluators import Evaluators
-from talkingeyes.evaluation.face.summary import summarise_face
-from talkingeyes.evaluation.model_selection.validation_metrics import ValidateSettings
-from talkingeyes.evaluation.paper_metrics.requirements import model_requirements, model_requirements_table
-from talkingeyes.evaluation.paper_metrics.table3 import TITLES
+from talkingeyes.evaluation.measures.corr import TITLES as CORR_TITLES
+from talkingeyes.evaluation.measures.critic import Evaluators
+from talkingeyes.evaluation.measures.partner_gaze import CURVES
+from talkingeyes.evaluation.papers.probtalk3d_metrics import summarise_face
+from talkingeyes.evaluation.papers.table3 import TITLES
+from talkingeyes.evaluation.report.information import SoundAversion, aversion_information, sound_aversion
+from talkingeyes.evaluation.report.requirements import model_requirements, model_requirements_table
+from talkingeyes.evaluation.report.validation_metrics import ValidateSettings
 from talkingeyes.evaluation.text_tables import Column, markdown_table
 from talkingeyes.orchestration.config import compose, write_params
 from talkingeyes.orchestration.mlflow_logging import revision

@@ -34,13 +34,18 @@ from pipelines.table_runs import (
 )
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
-from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
-from talkingeyes.evaluation.tables.claims import CLAIMS
-from talkingeyes.evaluation.tables.definitions import FAMILIES, REFERENCES, TABLES
-from talkingeyes.evaluation.tables.page import Results, as_json, page
-from talkingeyes.evaluation.tables.rank_order import ordered_pairs
-from talkingeyes.evaluation.tables.row_metrics import row_metrics
-from talkingeyes.evaluation.tables.seed_result import Comparison, SeedResult, from_json, split_result, to_json
+from talkingeyes.evaluation.papers.talkingeyes_claims import CLAIMS, ordered_pairs
+from talkingeyes.evaluation.papers.talkingeyes_metrics import EvaluateSettings
+from talkingeyes.evaluation.papers.talkingeyes_page import Results, as_json, page
+from talkingeyes.evaluation.papers.talkingeyes_results import (
+    Comparison,
+    SeedResult,
+    from_json,
+    row_metrics,
+    split_result,
+    to_json,
+)
+from talkingeyes.evaluation.papers.talkingeyes_tables import FAMILIES, REFERENCES, TABLES
 from talkingeyes.orchestration.mlflow_logging import revision
 from talkingeyes.orchestration.run import run_command
 

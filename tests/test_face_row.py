@@ -20,10 +20,9 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.face.pictures import LABEL_PX, frame_sheet, heat_colours, heat_map
-from talkingeyes.evaluation.face.summary import paired_differences, summarise_face, summarise_seeds
-from talkingeyes.evaluation.face.surface import FaceSurface
-from talkingeyes.evaluation.face.table import face_markdown
+from talkingeyes.evaluation.papers.probtalk3d_metrics import paired_differences, summarise_face, summarise_seeds
+from talkingeyes.evaluation.papers.probtalk3d_surface import FaceSurface
+from talkingeyes.evaluation.papers.probtalk3d_table import LABEL_PX, face_markdown, frame_sheet, heat_colours, heat_map
 from talkingeyes.head.anny import anny_head
 from talkingeyes.orchestration.stage_graph import StageCall
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from talkingeyes.corpus.splits import split_in_time
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.head_pose.own_person import ClipStyle, compare_styles
+from talkingeyes.evaluation.papers.posegan_movement import ClipStyle, compare_styles
 
 SETTINGS = BootstrapSettings(n_resamples=50, confidence_level=0.95, seed=0)
 SHORT = ("loop.steps=4", "loop.validate_every=4", "loop.batch=4", "validation_clips=2")

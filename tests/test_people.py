@@ -17,9 +17,7 @@ from talkingeyes.corpus.gaze_datasets import CONVERSATION_CM, CONVERSATION_CM_PE
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.people.baselines import HALF_RANGE_DEG, uniform_gaze_deg
 from talkingeyes.evaluation.people.comparison import compare_with_people, state_table
-from talkingeyes.evaluation.people.distance import measure_distance, measure_floor, people_values
 from talkingeyes.evaluation.people.fixations import (
     VALIDATION_PEOPLE,
     FixationRecord,
@@ -29,8 +27,17 @@ from talkingeyes.evaluation.people.fixations import (
     split_people,
 )
 from talkingeyes.evaluation.people.likelihood import EmpiricalHistogram, PoissonGaussian, Shifts, score
-from talkingeyes.evaluation.people.measures import LONGEST_S, MEASURES, measure_person, restricted_mean_s
+from talkingeyes.evaluation.people.measures import (
+    LONGEST_S,
+    MEASURES,
+    measure_distance,
+    measure_floor,
+    measure_person,
+    people_values,
+    restricted_mean_s,
+)
 from talkingeyes.evaluation.people.tracker import (
+    HALF_RANGE_DEG,
     TRACKER,
     GazeClip,
     Samples,
@@ -39,6 +46,7 @@ from talkingeyes.evaluation.people.tracker import (
     record_again,
     record_person,
     track,
+    uniform_gaze_deg,
 )
 from talkingeyes.evaluation.people.two_sample import Sequences, reference_auc, sequences_of, two_sample_auc
 from talkingeyes.physiology.gaze_population import STATES

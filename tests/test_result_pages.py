@@ -23,10 +23,10 @@ from pipelines import (
 from pipelines.face_rows import read_rows
 from pipelines.result_tables import ResultTable, as_csv, read_tables
 from talkingeyes.animation.model_file import PACKAGED_MODELS
+from talkingeyes.evaluation.benchmark.corruptions import CORRUPTIONS
+from talkingeyes.evaluation.papers.talkingeyes_page import as_json
 from talkingeyes.evaluation.reference_ranges.page import PLOT_CAPTIONS, RECORDING_TITLES, label
 from talkingeyes.evaluation.reference_ranges.ranges import REFERENCE_RANGES
-from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS
-from talkingeyes.evaluation.tables.page import as_json
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -11,10 +11,9 @@ import sys
 from itertools import groupby
 from pathlib import Path
 
-from talkingeyes.evaluation.benchmark.document import VERSION
-from talkingeyes.evaluation.benchmark.metric import CLOSER, Metric
 from talkingeyes.evaluation.benchmark.metric_class import class_of, code_of
-from talkingeyes.evaluation.benchmark.registry import METRICS
+from talkingeyes.evaluation.benchmark.registry import METRICS, VERSION
+from talkingeyes.evaluation.measures.metric import CLOSER, Metric
 from talkingeyes.evaluation.text_tables import csv_text
 
 INTRODUCTION = """# The gaze benchmark

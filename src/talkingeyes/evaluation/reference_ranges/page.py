@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from talkingeyes.evaluation.reference_ranges.clip_data import Measurement, no_measurement
+from talkingeyes.evaluation.measures.pooled import Measurement, no_measurement
 from talkingeyes.evaluation.reference_ranges.measurements import Measurements
 from talkingeyes.evaluation.reference_ranges.ranges import RANGES_BY_SECTION, REFERENCE_RANGES, ReferenceRange
 from talkingeyes.evaluation.text_tables import aligned
