@@ -50,7 +50,7 @@ from talkingeyes.evaluation.benchmark.paired import (
 from talkingeyes.evaluation.bootstrap import Estimate
 from talkingeyes.evaluation.detectors.behaviour import with_references
 from talkingeyes.evaluation.measures.corr import CRITICS, SHUFFLED_SOUNDS, CorrScores, corr_scores
-from talkingeyes.evaluation.measures.critic import Evaluators
+from talkingeyes.evaluation.measures.evaluators import Evaluators
 from talkingeyes.evaluation.papers.probtalk3d_metrics import summarise_face
 from talkingeyes.evaluation.papers.talkingeyes_metrics import (
     ClipMetrics,

@@ -111,7 +111,7 @@ FACE_MODEL = "probtalk3d"  # the face of `animate`
 FACES = """# The face
 
 Errors on the vertices of the open head, against the true motion; each value with its interval over sounds. Definitions
-are in docs/face_measures.md, more rows in docs/face_table.md.
+are in docs/face_measures.md, more rows in docs/results/face_table.md.
 
 """
 BENCHMARK = """### The gaze benchmark, test and unseen together

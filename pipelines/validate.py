@@ -46,7 +46,7 @@ from talkingeyes.evaluation.benchmark.paired import (
     sound_statistics,
 )
 from talkingeyes.evaluation.measures.corr import CRITICS, SHUFFLED_SOUNDS, CorrScores, corr_scores
-from talkingeyes.evaluation.measures.critic import Evaluators
+from talkingeyes.evaluation.measures.evaluators import Evaluators
 from talkingeyes.evaluation.papers.talkingeyes_metrics import diversity
 from talkingeyes.evaluation.report.information import mean_log_likelihood
 from talkingeyes.evaluation.report.validation_metrics import (

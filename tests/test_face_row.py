@@ -11,9 +11,9 @@ from toy_workspace import FPS, FRAMES, toy_workspace
 
 from pipelines import evaluate
 from pipelines.evaluate_face import measure_faces, stack_faces
-from pipelines.face_rows import FaceRow, measure, measured_row, read_rows, write_row
-from pipelines.face_table import document, options, summarise, syllable_times_s
-from pipelines.table_runs import METRICS_FILE, SEEDS, RowResult
+from pipelines.results.face_rows import FaceRow, measure, measured_row, read_rows, write_row
+from pipelines.results.face_table import document, options, summarise, syllable_times_s
+from pipelines.results.table_runs import METRICS_FILE, SEEDS, RowResult
 from talkingeyes.audio.annotation import Annotation, Phoneme
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
@@ -176,7 +176,9 @@ def test_rows_of_several_runs_make_one_page(workspace, tmp_path):
     with pytest.raises(InputError, match=r"probtalk3d-0.json: should have configuration c1, got c0; remove the file"):
         read_rows(tmp_path, {"probtalk3d": "c1"})
     (tmp_path / "other.json").write_text("[]")
-    with pytest.raises(InputError, match=r"other.json: should be a result of pipelines.face_table, got TypeError"):
+    with pytest.raises(
+        InputError, match=r"other.json: should be a result of pipelines.results.face_table, got TypeError"
+    ):
         read_rows(tmp_path)
 
 

@@ -67,7 +67,7 @@ def person(tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "pipelines.own_person", *arguments],
+        [sys.executable, "-m", "pipelines.results.own_person", *arguments],
         cwd=Path(__file__).parents[1],
         capture_output=True,
         text=True,

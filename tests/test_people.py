@@ -417,7 +417,7 @@ def test_command_needs_no_torch(corpus, table):
 
 def test_uniform_eyes_are_far_from_the_figures_of_recorded_people(request):
     """With the aggregate figures of the twelve people, which the repository holds."""
-    content = json.loads((request.config.rootpath / "docs/people.json").read_text())
+    content = json.loads((request.config.rootpath / "docs/results/people.json").read_text())
     rng, count = np.random.default_rng(3), 25 * 600
     state = (np.arange(count) >= count / 2).astype(int)
     clip = GazeClip(25.0, uniform_gaze_deg(count, 25.0, rng), state, np.zeros(count, bool))
@@ -434,7 +434,7 @@ def test_recorded_people_are_twelve_and_four_are_kept_for_validation(request):
         pytest.skip("no real recordings here")
     train, validation = split_people(read_people(path))
     assert len(train) == 8 and tuple(each.name for each in validation) == VALIDATION_PEOPLE
-    content = json.loads((request.config.rootpath / "docs/people.json").read_text())
+    content = json.loads((request.config.rootpath / "docs/results/people.json").read_text())
     for state in STATES:
         figures = content["states"][state]["people"]["measures"]
         found = people_values([*train, *validation], state).medians

@@ -11,7 +11,7 @@ import torch
 from model_conf import model_section
 from toy import clip
 
-from pipelines.talking_face import talking_face
+from pipelines.results.talking_face import talking_face
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
@@ -508,7 +508,7 @@ class TestPGFace:
 
 
 def test_the_experiment_composes_and_its_heads_are_those_of_the_tables() -> None:
-    from pipelines.posegan_table import ABLATIONS, GAZE
+    from pipelines.results.posegan_table import ABLATIONS, GAZE
 
     models = compose(["experiment=posegan"])["model"]
     assert {*HEADS, *ABLATIONS, *GAZE, "pgface", "talkingeyes_events"} <= set(models)
@@ -543,7 +543,7 @@ class TestTables:
         assert 0 <= np.nanmean(languages["en"]["confidence"]) <= 1
 
     def test_page_has_all_tables_with_published_values(self) -> None:
-        from talkingeyes.evaluation.papers.posegan_page import page
+        from pipelines.results.posegan_page import page
 
         row = {
             "l2_pose": 1.0, "l2_motion": 0.1, "confidence": [0.25, 0.75], "accuracy": [0.0, 1.0], "range": 1.0,

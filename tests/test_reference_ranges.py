@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from toy_people import people
 
-from pipelines import reference_ranges, regenerated_takes
+from pipelines.results import reference_ranges, regenerated_takes
+from pipelines.results import reference_ranges_page as page
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
@@ -22,7 +23,7 @@ from talkingeyes.evaluation.measures.pooled import (
     no_measurement,
 )
 from talkingeyes.evaluation.measures.pooled import speaking_turns as turns
-from talkingeyes.evaluation.reference_ranges import measurements, page, probes
+from talkingeyes.evaluation.reference_ranges import measurements, probes
 from talkingeyes.evaluation.reference_ranges.ranges import RANGES_BY_SECTION, REFERENCE_RANGES
 from talkingeyes.physiology import saccades as main_sequence_model
 from talkingeyes.physiology.blinks import blink_closure
@@ -304,8 +305,8 @@ def test_a_corpus_without_features_and_fit(tiny, monkeypatch, capsys):
         "reference_ranges.csv",
         *(f"pictures/reference-ranges-{each}.png" for each in ("main-sequence", "distributions", "timeline")),
     ):
-        assert (tiny / "docs" / name).stat().st_size > 1000
-    assert str(tiny) not in (tiny / "docs/reference_ranges.md").read_text()
+        assert (tiny / "docs/results" / name).stat().st_size > 1000
+    assert str(tiny) not in (tiny / "docs/results/reference_ranges.md").read_text()
 
 
 def test_take_of_another_corpus_is_an_error(tiny):

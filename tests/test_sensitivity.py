@@ -1,7 +1,7 @@
 """Sensitivity of the benchmark metrics to corruptions of the truth.
 
-The pool is synthetic motion with a fixed seed, without sound and corpus. docs/sensitivity.md
-(benchmarks/sensitivity.py) has all effects for a larger pool.
+The pool is synthetic motion with a fixed seed, without sound and corpus. docs/results/sensitivity.md
+(pipelines/results/sensitivity.py) has all effects for a larger pool.
 """
 
 from __future__ import annotations

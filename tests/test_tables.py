@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from toy_workspace import toy_workspace, train_random
 
-from pipelines import critic, paper_table_rows, table_runs, tables
+from pipelines import critic
+from pipelines.results import paper_table_rows, table_runs, tables
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.bootstrap import (
     BootstrapSettings,

@@ -36,7 +36,7 @@ from talkingeyes.evaluation.measures.features import add_features, gather_featur
 from talkingeyes.orchestration.run import parallel_map
 
 if TYPE_CHECKING:
-    from talkingeyes.evaluation.measures.critic import Evaluators
+    from talkingeyes.evaluation.measures.evaluators import Evaluators
 
 OUTPUT_FILES = re.compile(r"benchmark\.(json|csv)|strip\.png")
 HELD_OUT = ("test", "unseen")
@@ -312,7 +312,7 @@ def _judged(data: Path | None, unit: EvaluatedSound, motions: list[Behaviour]) -
 @lru_cache(maxsize=1)
 def _load_evaluators(data: Path) -> Evaluators:
     """Evaluators, loaded once per process."""
-    from talkingeyes.evaluation.measures.critic import Evaluators
+    from talkingeyes.evaluation.measures.evaluators import Evaluators
 
     return Evaluators.load(data / "critic")
 

@@ -5,10 +5,10 @@ lids still open, and the course between (interpolated across blinks). Only the b
 
 Corruptions of true motion that test which metrics detect them: freezing, jitter, delay, mirroring, smoothing.
 
-A metric that does not rank the truth above a corruption cannot detect it (docs/sensitivity.md). Each corruption has a
-strength: 0 leaves the motion unchanged, 1 is the fault as it occurs in practice (a flipped sign, a filter of three
-frames, the noise of a cheap tracker). A dose is a strength in units of the fault (degrees, seconds, a fraction).
-Signs: docs/conventions.md.
+A metric that does not rank the truth above a corruption cannot detect it (docs/results/sensitivity.md). Each
+corruption has a strength: 0 leaves the motion unchanged, 1 is the fault as it occurs in practice (a flipped sign, a
+filter of three frames, the noise of a cheap tracker). A dose is a strength in units of the fault (degrees, seconds, a
+fraction). Signs: docs/conventions.md.
 """
 
 from __future__ import annotations

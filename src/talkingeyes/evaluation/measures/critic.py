@@ -17,8 +17,6 @@ Scores of a critic: its AUC against wrong pairs, and Corr. of the truth and of b
 
 A Corr. cannot be interpreted without them: how often the right motion scores above another motion of the same speaker,
 and the Corr. of the truth, of the truth under other sounds, and of a motionless face.
-
-The frozen networks behind learned metrics: the critics of Corr. and the motion encoder, from the stage `critic`.
 """
 
 from __future__ import annotations
@@ -41,8 +39,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings, validate_section
 from talkingeyes.corpus.recordings import Recording
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, Statistic, bootstrap, mean_statistic
-from talkingeyes.evaluation.measures.corr import CRITICS
-from talkingeyes.evaluation.measures.motion_encoder import EncoderSettings, MotionEncoder
+from talkingeyes.evaluation.measures.motion_encoder import EncoderSettings
 from talkingeyes.models.contrastive_critic import (
     CRITIC_PARTS,
     MIRROR_SIGNS,
@@ -430,18 +427,3 @@ def _auc(right: Float[ndarray, " N"], wrong: Sequence[Float[ndarray, " _"]]) -> 
         return auc(right[clips], np.concatenate([wrong[clip] for clip in clips]))
 
     return statistic
-
-
-@dataclass(frozen=True)
-class Evaluators:
-    """Critics by part, and the motion encoder."""
-
-    critics: dict[str, CriticCorrelation]
-    encoder: MotionEncoder
-
-    @classmethod
-    def load(cls, folder: Path) -> Evaluators:
-        """Load critics and encoder from the output folder of the stage `critic`."""
-        return cls(
-            {part: CriticCorrelation.load(folder, part) for part in CRITICS.values()}, MotionEncoder.load(folder)
-        )

@@ -32,10 +32,11 @@ REST_BOUNDS = (0.95, 1.05)
 TIED_PARTS = {"gaze": "eyes", "gaze_in_space": "gaze in space", "head": "head"}
 MIN_TIE = 0.6  # Similar Sample with 2,798 training sounds reaches 0.45 (0.35 to 0.56)
 # Information of speech about gaze aversion, relative to fitted motion. The truth has up to 1.84 of it (the fit blurs);
-# gaze that a rule ties to loudness has 31 (docs/field_baselines.md).
+# gaze that a rule ties to loudness has 31 (docs/results/field_baselines.md).
 INFORMATION_BOUNDS = (0.8, 3.0)
 ONSET_DROP, ONSET_BOUNDS = "speech_onset/drop", (0.8, 1.2)
-# What a face must show, relative to fitted motion; faces of other clips reach 0.13 and 0.36 (docs/face_table.md).
+# What a face must show, relative to fitted motion; faces of other clips reach 0.13 and 0.36
+# (docs/results/face_table.md).
 FACE = (("emotion recognised", "emotion_accuracy", 0.6), ("lips closed at p, b and m", "bilabials_closed", 0.5))
 
 
