@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.results import reference_ranges_page as page
-from pipelines.results.audio_motion_probes import MAX_CLIPS, measure_probes, measure_towers, reference_motions
+from pipelines.results.audio_motion_probes import MATCHING, MAX_CLIPS, PROBES, measure_probes, measure_towers
 from pipelines.results.regenerated_takes import extract_frame_rates, extract_further_takes, sound_of
 from pipelines.results.result_tables import ResultTable, as_csv
 from talkingeyes.audio.prosody import ProsodySettings, prosody
@@ -49,15 +49,6 @@ RECORDED = Path(__file__).resolve().parents[3] / "shared/data/real/gaze"
 MAX_NATIVE_CLIPS = 300
 CANDIDATES = 40  # candidate clips for the timeline
 CONVERSATION = "conversation_fixations.csv.gz"
-SOUND_AND_MOTION = (
-    "eye_r2",
-    "averted_auc",
-    "head_r2",
-    "matching_auc_space",
-    "matching_auc_gaze",
-    "matching_p_gaze",
-    "matching_auc_jaw",
-)
 DRAWN_SPEAKERS, DRAWN_RATES = 500, 1000
 STATUSES = ("within", "outside", "-")
 INTRODUCTION = """# Reference ranges
@@ -182,10 +173,9 @@ def measure_corpus(corpus_inputs: CorpusInputs, jobs: int) -> CorpusMeasurements
         )
         pool = {**pool, **fast}
     if (corpus_inputs.embed / "embedding.json").is_file():
-        true = partial(reference_motions, corpus_inputs)
-        found |= measure_probes(corpus_inputs, true, firsts, jobs) | measure_towers(corpus_inputs, true, jobs)
+        found |= measure_probes(corpus_inputs, firsts, jobs) | measure_towers(corpus_inputs, jobs)
     else:
-        found |= dict.fromkeys(SOUND_AND_MOTION, no_measurement("no speech features: the stage embed has not run"))
+        found |= dict.fromkeys((*PROBES, *MATCHING), no_measurement("no speech features: the stage embed has not run"))
     return CorpusMeasurements(pool, found)
 
 
