@@ -130,7 +130,7 @@ def _model(paths: InputPaths, folder: Path) -> tuple[NetworkGenerator, Condition
     generator = _load(folder)
     needed, speakers = generator.network.required_inputs, generator.network.speakers
     conditioning_paths = ConditioningPaths(Corpus(paths.corpus), paths.embed)
-    return generator, ConditioningProvider(needed, speakers, (), conditioning_paths)
+    return generator, ConditioningProvider(needed, speakers, conditioning_paths)
 
 
 def _load(folder: Path) -> NetworkGenerator:

@@ -122,7 +122,7 @@ def _recorded(clip: Recording) -> ClipStyle:
 def _speeches(generator: TrainedGenerator, clips: Sequence[Recording], settings: SampleSettings) -> list[Speech]:
     """The sounds of clips with seeds, and the speaker, if the model takes one."""
     needed, rng = required_inputs(generator), np.random.default_rng(settings.seed)
-    provider = ConditioningProvider(needed, training_speakers(generator), (), None)
+    provider = ConditioningProvider(needed, training_speakers(generator), None)
     return [
         Speech(
             np.array(each.speech),

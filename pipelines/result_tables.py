@@ -1,6 +1,6 @@
 """Tables of a result page: read from its complete Markdown, a few columns for the page, all of them as CSV.
 
-Used by: pipelines.posegan_table, pipelines.reference_ranges, pipelines.reference_ranges_model.
+Used by: pipelines.posegan_table, pipelines.reference_ranges.
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@
 Run: python -m pipelines.sample talkingeyes
 
 Reads: the corpus index, data/embed, data/train/<model>; the sound, for a model with a waveform encoder. A model that
-takes the speaker is given that of the clip (unseen speakers are replaced by a random training speaker per sound); no
-reference clip is given.
+takes the speaker is given that of the clip (unseen speakers are replaced by a random training speaker per sound).
 
 Writes: data/sample/<model>/<shard>/<clip>.npz.
 """
@@ -68,7 +67,7 @@ def _sample(
         found = map(generator.generate, embeddings, styles, seeds, fps)
     else:
         needed, speakers = required_inputs(generator), training_speakers(generator)
-        provider = ConditioningProvider(needed, speakers, (), conditioning_paths)
+        provider = ConditioningProvider(needed, speakers, conditioning_paths)
         inputs = [provider.clip_inputs(clip, len(each)) for clip, each in zip(clips, embeddings, strict=True)]
         found = generator.generate_batch(list(map(Speech, embeddings, seeds, fps, inputs)))
     for clip, samples in zip(clips, found, strict=True):

@@ -33,7 +33,6 @@ from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main
 from talkingeyes.training.baseline_checkpoint import save_baseline
-from talkingeyes.training.canonical_gaze import CanonicalModelSettings, fit_canonical_gaze, save_canonical
 from talkingeyes.training.checkpoint import load, save
 from talkingeyes.training.conditioning import ConditioningPaths, motion_array
 from talkingeyes.training.execution import ExecutionContext
@@ -218,15 +217,6 @@ def _combine_models(training: Training, settings: HeadThenGazeSettings) -> Repor
     return Report()
 
 
-def _canonical(training: Training, settings: CanonicalModelSettings) -> Report:
-    """Fit canonical correlation in closed form, for the head of a trained model."""
-    clips = recordings(*training.inputs, "train")
-    found = fit_canonical_gaze(settings, clips, training.normaliser, training.seed)
-    with training.output() as folder:
-        save_canonical(folder, settings, found, load(training.workspace.data("train", *settings.source_models)))
-    return Report(metrics={f"correlation/{at}": float(each) for at, each in enumerate(found.correlation.correlations)})
-
-
 def _baseline(training: Training, settings: BaselineSettings) -> Report:
     """A bank of the motions of the train split: faces, or heads and gaze."""
     more: dict[str, Any] = {}
@@ -267,7 +257,6 @@ KINDS: dict[str, tuple[Callable[[Training, Any], Report], type[Settings]]] = {
     "speech_to_pose": (_poses, PoseTaskSettings),
     "pgface": (_pgface, PGFaceTaskSettings),
     "head_then_gaze": (_combine_models, HeadThenGazeSettings),
-    "canonical_correlation": (_canonical, CanonicalModelSettings),
 }
 
 

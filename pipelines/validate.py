@@ -32,7 +32,7 @@ import numpy as np
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.corpus.recordings import Recording, Recordings, recordings
+from talkingeyes.corpus.recordings import Recording, Recordings
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus, shard_path
@@ -240,11 +240,10 @@ def _generator(folder: Path) -> TrainedGenerator:
 
 @lru_cache(maxsize=1)
 def _conditioning_provider(paths: InputPaths) -> ConditioningProvider:
-    """The provider of the model's conditioning inputs; references are from the train split."""
+    """The provider of the model's conditioning inputs."""
     generator, corpus = _generator(paths.model), Corpus(paths.corpus)
-    wanted = required_inputs(generator)
-    known = recordings(corpus, paths.fit, paths.embed, "train") if "reference" in wanted else ()
-    return ConditioningProvider(wanted, training_speakers(generator), known, ConditioningPaths(corpus, paths.embed))
+    conditioning_paths = ConditioningPaths(corpus, paths.embed)
+    return ConditioningProvider(required_inputs(generator), training_speakers(generator), conditioning_paths)
 
 
 @lru_cache(maxsize=1)

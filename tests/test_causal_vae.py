@@ -12,13 +12,13 @@ from talkingeyes.models.layers.conditional_vae import DiagonalGaussian
 SPEECH, FRAMES = 5, 90
 SETTINGS = {
     "kind": "causal_vae", "width": 8, "layers": 2, "dropout": 0.0, "latent": 3, "latent_frames": 6,
-    "kl": {"annealing": None, "free_bits": 0.0},
+    "free_bits": 0.0,
 }  # fmt: skip
 
 
 def head(temperature: float = 1.0, gain: float = 1.5) -> CausalVAEHead:
     torch.manual_seed(0)
-    settings = SETTINGS | {"prior": "standard", "temperature": temperature, "gain": gain}
+    settings = SETTINGS | {"temperature": temperature, "gain": gain}
     return CausalVAEHead(CausalVAEHeadSettings.model_validate(settings), SPEECH).eval()
 
 

@@ -1,4 +1,4 @@
-"""Conditioning besides speech: speaker, style reference; and the initial pose."""
+"""Conditioning besides speech: the speaker; and the initial pose."""
 
 from __future__ import annotations
 
@@ -19,72 +19,61 @@ from talkingeyes.models.condition.conditioner import (
     NO_CONDITIONING,
     ConditioningInputs,
     ConditioningSpec,
-    TrainingStatistics,
 )
 from talkingeyes.training import checkpoint
 from talkingeyes.training.conditioning import (
     ConditioningProvider,
-    motion_array,
     speaker_index,
 )
 from talkingeyes.training.loop import train
-from talkingeyes.training.motion_generators import load_generator, network_config, required_inputs, training_speakers
+from talkingeyes.training.motion_generators import load_generator, network_config, training_speakers
 from talkingeyes.training.motion_task import MotionTask, MotionTaskSettings
 
-KINDS: dict[str, dict[str, Any]] = {
-    "speaker": {"condition_dropout": 0.0, "embedding_scale": {"head": 1.5, "gaze": 2.0}},
-    "reference": {"style_dim": 4, "condition_dropout": 0.0},
-}
+SPEAKER = {"kind": "speaker", "condition_dropout": 0.0, "embedding_scale": {"head": 1.5, "gaze": 2.0}}
 LONG = {"steps": 100, "learning_rate": 1e-2, "validate_every": 100}
 KNOWN = ConditioningSpec(NAMES, ("a", "b"))
 
 
-def conditioner(kind: str) -> Any:
-    """One conditioner of each kind, with the statistics of toy motions."""
+def conditioner() -> Any:
+    """The conditioner on the speaker."""
     torch.manual_seed(0)
-    made = CONDITIONERS.build(CONDITIONERS.parse({"kind": kind, **KINDS[kind]}), 12, KNOWN)
-    motions = [torch.from_numpy(motion_array(each.head, each.gaze)) for each in recordings(6, seed=1)]
-    made.fit_statistics(TrainingStatistics(torch.zeros(CHANNELS), torch.ones(CHANNELS), motions))
-    return made.eval()
+    return CONDITIONERS.build(CONDITIONERS.parse(SPEAKER), 12, KNOWN).eval()
 
 
 def told(rows: int) -> ConditioningInputs:
-    """Conditioning inputs of all kinds; the last window has the null condition."""
-    torch.manual_seed(2)
-    reference = 0.1 * torch.randn(rows, 30, 9)
-    reference[-1] = torch.nan
-    return ConditioningInputs(torch.tensor([*range(rows - 1), -1]), reference)
+    """Conditioning inputs; the last window has the null condition."""
+    return ConditioningInputs(torch.tensor([*range(rows - 1), -1]))
 
 
-@pytest.mark.parametrize("kind", KINDS)
-class TestContract:
-    def test_output_depends_on_conditioning(self, kind: str) -> None:
-        made = conditioner(kind)
-        both = made(told(3), 3)
-        for found in (both.head, both.gaze):
-            assert found.shape[0] == 3
-            assert found.shape[1] == 1
-            assert found.shape[2] == 12
-            assert torch.isfinite(found).all()
-            assert (found[0] - found[1]).abs().max() > 1e-3
-        assert set(made.required_inputs) == {kind}
+def test_output_depends_on_conditioning() -> None:
+    made = conditioner()
+    both = made(told(3), 3)
+    for found in (both.head, both.gaze):
+        assert found.shape[0] == 3
+        assert found.shape[1] == 1
+        assert found.shape[2] == 12
+        assert torch.isfinite(found).all()
+        assert (found[0] - found[1]).abs().max() > 1e-3
+    assert set(made.required_inputs) == {"speaker"}
 
-    def test_null_condition_is_the_same_alone_and_in_a_batch(self, kind: str) -> None:
-        made = conditioner(kind)
-        nothing, beside = made(NO_CONDITIONING, 2), made(told(3), 3)
-        torch.testing.assert_close(beside.head[2:].mean(1), nothing.head[:1].mean(1))
-        torch.testing.assert_close(beside.gaze[2:].mean(1), nothing.gaze[:1].mean(1))
 
-    def test_gradients_are_finite_with_null_condition_rows(self, kind: str) -> None:
-        made = conditioner(kind).train()
-        made(told(3), 3).gaze.square().sum().backward()
-        found = [each.grad for each in made.parameters() if each.grad is not None]
-        assert any(each.abs().sum() > 0 for each in found)
-        assert all(torch.isfinite(each).all() for each in found)
+def test_null_condition_is_the_same_alone_and_in_a_batch() -> None:
+    made = conditioner()
+    nothing, beside = made(NO_CONDITIONING, 2), made(told(3), 3)
+    torch.testing.assert_close(beside.head[2:].mean(1), nothing.head[:1].mean(1))
+    torch.testing.assert_close(beside.gaze[2:].mean(1), nothing.gaze[:1].mean(1))
+
+
+def test_gradients_are_finite_with_null_condition_rows() -> None:
+    made = conditioner().train()
+    made(told(3), 3).gaze.square().sum().backward()
+    found = [each.grad for each in made.parameters() if each.grad is not None]
+    assert any(each.abs().sum() > 0 for each in found)
+    assert all(torch.isfinite(each).all() for each in found)
 
 
 def test_hidden_speaker_is_unconditional() -> None:
-    made = conditioner("speaker").train()
+    made = conditioner().train()
     made.condition_dropout = 1.0
     assert torch.equal(made(told(3), 3).head, made(NO_CONDITIONING, 3).head)
 
@@ -112,25 +101,6 @@ def aside_rad(task: MotionTask, one: ConditioningInputs) -> float:
     return float(task.module.generate(speech, list(range(6)), 1.0, one).head[..., 1].mean())
 
 
-def reference_of(each: Recording) -> ConditioningInputs:
-    return ConditioningInputs(reference=torch.from_numpy(motion_array(each.head, each.gaze))[None])
-
-
-@pytest.mark.long
-def test_reference_clip_gives_style_of_unseen_speaker(tmp_path: Path) -> None:
-    task = task_of({"kind": "reference", **KINDS["reference"]}, **LONG)
-    settings = task.settings
-    train(task, settings.loop, "style")
-    turned, straight = (reference_of(each) for each in people(2, seed=33))
-    assert aside_rad(task, turned) > aside_rad(task, straight) + 0.1
-    checkpoint.save(tmp_path, task.module.state_dict(), network_config(settings, NAMES, None, task.module))
-    again = load_generator(tmp_path)
-    assert required_inputs(again) == {"reference"}
-    speech = recordings(1, seed=9)[0].speech
-    direct = task.module.generate(torch.from_numpy(speech), [5], None, turned)
-    np.testing.assert_allclose(again.generate(speech, [5], 25.0, turned).gaze, direct.gaze.numpy(), atol=1e-6)
-
-
 @pytest.mark.long
 def test_training_speaker_moves_like_that_speaker(tmp_path: Path) -> None:
     task = task_of(
@@ -144,26 +114,6 @@ def test_training_speaker_moves_like_that_speaker(tmp_path: Path) -> None:
     assert training_speakers(load_generator(tmp_path)) == ("a", "b")
 
 
-def test_a_reference_is_another_sound_of_the_same_speaker_and_the_same_each_time() -> None:
-    known = people(8, seed=4)
-    conditioning_provider = ConditioningProvider({"reference", "speaker"}, ["a", "b"], known, None)
-    own = known[0]
-    first, again = (conditioning_provider.window(own.clip, slice(10, 60), False) for _ in range(2))
-    np.testing.assert_array_equal(first["reference"], again["reference"])
-    assert int(first["speaker"]) == 1
-    places = [
-        index
-        for index, each in enumerate(known)
-        for start in range(len(each) - 49)
-        if np.array_equal(motion_array(each.head, each.gaze)[start : start + 50], first["reference"])
-    ]
-    assert len(places) == 1
-    assert places[0] != 0
-    assert known[places[0]].clip.speaker == own.clip.speaker
-    stranger = conditioning_provider.clip_inputs(replace(own.clip, speaker="nobody"), 50)
-    assert stranger.reference is None
-
-
 def test_unseen_speaker_is_a_random_training_speaker_for_each_sound() -> None:
     known = [f"s{number}" for number in range(9)]
     drawn = [speaker_index(known, "stranger", f"sound {number}") for number in range(200)]
@@ -171,18 +121,18 @@ def test_unseen_speaker_is_a_random_training_speaker_for_each_sound() -> None:
     assert drawn == [speaker_index(known, "stranger", f"sound {number}") for number in range(200)]
     assert [speaker_index(known, name, "sound 1") for name in known] == list(range(9))
     clip = replace(people(1, seed=4)[0].clip, speaker="stranger", sound="sound 7")
-    told = ConditioningProvider({"speaker"}, known, (), None).clip_inputs(clip, 50)
+    told = ConditioningProvider({"speaker"}, known, None).clip_inputs(clip, 50)
     assert told.speaker is not None
     assert told.speaker.tolist() == [drawn[7]]
 
 
 def test_mirrored_window_has_mirrored_condition() -> None:
-    clip, conditioning_provider = people(1, seed=4)[0].clip, ConditioningProvider({"speaker"}, ["a", "b"], (), None)
+    clip, conditioning_provider = people(1, seed=4)[0].clip, ConditioningProvider({"speaker"}, ["a", "b"], None)
     symmetric, turned = (
         int(conditioning_provider.window(clip, slice(0, 50), mirror)["speaker"]) for mirror in (False, True)
     )
     assert (symmetric, turned) == (1, 3)
-    made = conditioner("speaker").train()
+    made = conditioner().train()
     found = made(ConditioningInputs(torch.tensor([1, 3, -1])), 3).head[:, 0]
     torch.testing.assert_close(found[0] + found[1], 2 * made.symmetric.weight[1])
     torch.testing.assert_close(found[0] - found[1], 2 * made.antisymmetric.weight[1])
@@ -190,7 +140,7 @@ def test_mirrored_window_has_mirrored_condition() -> None:
 
 
 def test_embedding_scale_increases_distances_of_speakers_in_sampling() -> None:
-    made, who = conditioner("speaker"), ConditioningInputs(torch.tensor([0, 1, 3, -1]))
+    made, who = conditioner(), ConditioningInputs(torch.tensor([0, 1, 3, -1]))
     used, learnt = made.eval()(who, 4), made.train()(who, 4).head[:, 0]
     for size, part in ((1.5, used.head[:, 0]), (2.0, used.gaze[:, 0])):
         torch.testing.assert_close(part[0] - part[1], size * (learnt[0] - learnt[1]))
@@ -208,7 +158,7 @@ def start(changes: dict[str, Any], other: checkpoint.Checkpoint | None = None) -
 
 
 def test_new_speakers_start_as_the_mean_speaker() -> None:
-    condition = {"kind": "speaker", **KINDS["speaker"]}
+    condition = SPEAKER
     node = translation("vae").model_dump(mode="json") | {"conditions": [condition]}
     settings = MotionTaskSettings.model_validate(node)
     known = task_of(condition).module

@@ -29,7 +29,6 @@ SECTION = {
         "energy_floor_dbfs": -80.0,
     },
     "level_dbfs": -20.0,
-    "include_partner": False,
 }
 
 

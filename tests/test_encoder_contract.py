@@ -29,7 +29,7 @@ SIZES = {"moonshine": 288, "wav2vec2": 16, "hubert": 16, "logmel": 80}
 
 
 def section(encoder: dict[str, Any]) -> EmbedSettings:
-    node = {"encoder": encoder, "prosody": PROSODY, "level_dbfs": -20.0, "include_partner": False}
+    node = {"encoder": encoder, "prosody": PROSODY, "level_dbfs": -20.0}
     return validate_section("embed", EmbedSettings, node)
 
 

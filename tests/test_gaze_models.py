@@ -28,10 +28,9 @@ VAE = {
     "dropout": 0.0,
     "latent": 4,
     "latent_frames": 25,
-    "kl": {"annealing": None, "free_bits": 0.0},
+    "free_bits": 0.0,
 }
 CLEAN = {"kind": "teacher_forcing"}
-HALF = {"truth": 0.5, "posterior": 0.5, "prior": 0.0}
 GAZE: dict[str, dict[str, Any]] = {
     "categorical": {
         "transformer": TRANSFORMER,
@@ -49,7 +48,6 @@ GAZE: dict[str, dict[str, Any]] = {
             "bin_frames": 2,
             "absolute_components": 8,
             "relative_components": 2,
-            "mixture_centres": "learned",
             "adaptive_components": False,
             "previous_steps": 0,
             "previous_locations": 2,
@@ -69,16 +67,6 @@ GAZE: dict[str, dict[str, Any]] = {
     "vae": VAE,
 }
 
-FSQ = {"kind": "finite_scalar", "levels": [4, 3, 3]}
-RESIDUAL = {
-    "kind": "residual",
-    "depth": 2,
-    "level_codes": 6,
-    "width": 8,
-    "commitment": 0.25,
-    "decay": 0.9,
-    "restart_below": 0.1,
-}
 CODEBOOK = {"kind": "codebook", "codes": 32, "width": 8, "commitment": 0.25, "decay": 0.9, "restart_below": 0.1}
 ELEMENTWISE = {"kind": "elementwise", "factors": 2, "codebook": CODEBOOK | {"width": 4}}
 
@@ -97,8 +85,6 @@ MEMBERS = {
     **{kind: Member(kind) for kind in GAZE},
     "categorical_noise": Member("categorical", {"history": NOISE}),
     "categorical_scheduled": Member("categorical", {"history": SCHEDULED}),
-    "categorical_fsq": Member("categorical", quantiser=FSQ),
-    "categorical_residual": Member("categorical", {"history": NOISE}, quantiser=RESIDUAL),
     "regression_noise": Member("regression", {"history": NOISE}),
     "regression_scheduled": Member("regression", {"history": SCHEDULED}),
     "regression_free": Member("regression", {"history": {"kind": "free_running", "truncation_frames": 8}}),
@@ -116,10 +102,7 @@ MEMBERS = {
     "regression_predicted": Member("regression", {"history": {"kind": "predicted"}}),
     "regression_true_codes": Member("regression", {"regularity": "true_codes"}),
     "regression_elementwise": Member("regression", quantiser=ELEMENTWISE),
-    "regression_fsq": Member("regression", quantiser=FSQ),
-    "regression_residual": Member("regression", quantiser=RESIDUAL),
-    "vae_annealed": Member("vae", {"kl": {"annealing": {"shape": "linear", "steps": 10}, "free_bits": 0.0}}),
-    "vae_free_bits": Member("vae", {"kl": {"annealing": None, "free_bits": 0.25}}),
+    "vae_free_bits": Member("vae", {"free_bits": 0.25}),
 }
 
 
@@ -149,7 +132,7 @@ def codebook(patch: int, tolerance: float | None, quantiser: dict[str, Any] = CO
 def model(
     kind: str,
     head_frames: int | None = 25,
-    head_mix: dict[str, float] = HALF,
+    reconstructed_heads: float = 0.5,
     gaze: Mapping[str, Any] | None = None,
     channels: Sequence[str] | None = None,
 ) -> SpeechToMotion:
@@ -167,7 +150,7 @@ def model(
             head=VAE | {"kind": "vae", "norm": "standardised_mean", "standardised": True, "latent_frames": head_frames},
             gaze={"kind": member.kind, **GAZE[member.kind], **member.changes, **(gaze or {})},
             conditions=(),
-            head_mix=head_mix,
+            reconstructed_heads=reconstructed_heads,
             weights={"head_reconstruction": 1.0, "head_kl": 0.1},
             temperatures=(1.0,),
         ),
@@ -422,9 +405,9 @@ def test_gradient_is_truncated_to_requested_frames() -> None:
         assert [bool(each.grad.abs().sum() > 0) for each in kept] == [False] * (12 - reached) + [True] * reached
 
 
-def test_gaze_is_trained_on_true_posterior_and_prior_heads_in_proportion() -> None:
+def test_gaze_is_trained_on_true_and_reconstructed_heads_in_proportion() -> None:
     seen = []
-    network = model("vae", head_mix={"truth": 0.5, "posterior": 0.2, "prior": 0.3}).train()
+    network = model("vae", reconstructed_heads=0.5).train()
     loss_terms = network.gaze.loss_terms
     network.gaze.loss_terms = lambda condition, gaze: seen.append(condition) or loss_terms(condition, gaze)
     data = batch(1, 40)
@@ -433,8 +416,6 @@ def test_gaze_is_trained_on_true_posterior_and_prior_heads_in_proportion() -> No
     true = (seen[0].normalised_head == network.head.normal(many.head)).flatten(1).all(1)
     assert true.float().mean() == pytest.approx(0.5, abs=0.08)
     assert seen[0].normalised_head[~true].std(0).mean() > 1e-3
-    with pytest.raises(ValueError, match="truth, posterior and prior should be 1 together"):
-        model("vae", head_mix={"truth": 0.5, "posterior": 0.2, "prior": 0.2})
 
 
 @pytest.mark.parametrize("guidance", [{"time": 20.0, "location": 1.0}, {"time": 1.0, "location": 20.0}])
@@ -455,18 +436,6 @@ def test_guidance_changes_nothing_without_speech() -> None:
     deaf, guided = (model("point_process", gaze=gaze, channels=[]) for gaze in ({}, guidance))
     sound = batch(1, 60).speech[0]
     torch.testing.assert_close(guided.generate(sound, [1]).gaze, deaf.generate(sound, [1]).gaze)
-
-
-def test_prior_head_depends_only_on_speech() -> None:
-    network = model("vae", head_mix={"truth": 0.0, "posterior": 0.0, "prior": 1.0})
-    data = batch(3, 40)
-    seen = []
-    network.gaze.loss_terms = lambda condition, gaze: seen.append(condition) or {}
-    for head in (data.head, torch.zeros_like(data.head)):
-        torch.manual_seed(5)
-        network.loss_terms(MotionBatch(data.speech, head, data.gaze))
-    assert not torch.equal(seen[0].normalised_head, network.head.normal(data.head))
-    torch.testing.assert_close(seen[0].normalised_head, seen[1].normalised_head)
 
 
 def test_samples_follow_the_probabilities() -> None:

@@ -22,7 +22,6 @@ PROCESS = {
     "bin_frames": 2,
     "absolute_components": 4,
     "relative_components": 2,
-    "mixture_centres": "learned",
     "adaptive_components": False,
     "previous_steps": 0,
     "previous_locations": 2,

@@ -7,12 +7,10 @@ from hypothesis import strategies as st
 
 from talkingeyes.models.layers.attention import WindowAttention
 from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
-from talkingeyes.models.layers.kl import KLSettings
 from talkingeyes.models.layers.quantiser import Quantiser, QuantiserSettings, perplexity
 from talkingeyes.models.layers.transformer import CausalTransformer, CrossAttentionWindow, TransformerSettings
 
 SETTINGS = TransformerSettings(width=16, layers=2, heads=2, dropout=0.0, lookback=7)
-PLAIN = KLSettings(annealing=None, free_bits=0.0)
 CODES = QuantiserSettings(kind="codebook", codes=16, width=4, commitment=0.25, decay=0.9, restart_below=0.1)
 
 
@@ -119,7 +117,7 @@ def test_perplexity_of_even_use_is_the_number_of_codes() -> None:
 def test_conditional_vae_takes_any_length(latent_frames: int | None) -> None:
     torch.manual_seed(0)
     network = ConditionalVAE(
-        VAESettings(width=16, layers=2, dropout=0.0, latent=4, latent_frames=latent_frames, kl=PLAIN),
+        VAESettings(width=16, layers=2, dropout=0.0, latent=4, latent_frames=latent_frames, free_bits=0.0),
         features=3,
         condition=5,
     ).eval()
@@ -133,7 +131,7 @@ def test_conditional_vae_takes_any_length(latent_frames: int | None) -> None:
 
 def test_interpolated_codes_keep_their_variance() -> None:
     network = ConditionalVAE(
-        VAESettings(width=8, layers=1, dropout=0.0, latent=64, latent_frames=25, kl=PLAIN), features=3, condition=2
+        VAESettings(width=8, layers=1, dropout=0.0, latent=64, latent_frames=25, free_bits=0.0), features=3, condition=2
     )
     spread = network._interpolate_latents(torch.randn(64, 20, 64), 500)
     assert spread.std((0, 2)).sub(1).abs().max() < 0.08

@@ -20,7 +20,6 @@ SETTINGS = {
     "bin_frames": 2,
     "absolute_components": 4,
     "relative_components": 2,
-    "mixture_centres": "learned",
     "adaptive_components": True,
     "previous_steps": 2,
     "previous_locations": 2,

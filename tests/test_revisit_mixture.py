@@ -14,7 +14,6 @@ SETTINGS = PointProcessSettings(
     bin_frames=2,
     absolute_components=4,
     relative_components=2,
-    mixture_centres="learned",
     adaptive_components=False,
     previous_steps=0,
     previous_locations=3,

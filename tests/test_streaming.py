@@ -227,7 +227,7 @@ def test_memory_does_not_grow(live: LiveModel) -> None:
                     "dropout": 0.1,
                     "latent": 4,
                     "latent_frames": 12,
-                    "kl": {"annealing": None, "free_bits": 0.0},
+                    "free_bits": 0.0,
                 }
             },
             "head",

@@ -49,7 +49,6 @@ NO_STAGE = {
     "pruned_sweep",
     "real_videos",
     "reference_ranges",
-    "reference_ranges_model",
     "regenerated_takes",
     "register_model",
     "registered_model",

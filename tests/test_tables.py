@@ -1,19 +1,16 @@
-"""The paper's tables: metrics of a sound, order of rows, canonical correlation; rows are computed once."""
+"""The paper's tables: metrics of a sound, order of rows; rows are computed once."""
 
 from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from toy import recordings
 from toy_workspace import toy_workspace, train_random
 
 from pipelines import critic, paper_table_rows, table_runs, tables
 from talkingeyes.core.errors import InputError
-from talkingeyes.corpus.recordings import Normaliser
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.intervals import difference, estimate, mean_of_known, ratio_of_known
 from talkingeyes.evaluation.multi_seed import estimate_over_seeds, nanmean_statistic
@@ -22,30 +19,11 @@ from talkingeyes.evaluation.tables.rank_order import ordered_pairs, rank_order
 from talkingeyes.evaluation.tables.row_metrics import high_frequency_motion, range_rad, row_metrics
 from talkingeyes.evaluation.tables.seed_result import split_result
 from talkingeyes.evaluation.text_tables import Column
-from talkingeyes.models.condition.conditioner import NO_CONDITIONING
-from talkingeyes.models.gaze.canonical_correlation import (
-    CanonicalCorrelationSettings,
-    Example,
-    fit_canonical_correlation,
-    generate_gaze,
-)
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Report
 from talkingeyes.orchestration.stage_graph import StageCall
-from talkingeyes.training.canonical_gaze import CanonicalModelSettings, fit_canonical_gaze, save_canonical
-from talkingeyes.training.checkpoint import load
-from talkingeyes.training.motion_generators import load_generator
 
 BOOTSTRAP = BootstrapSettings(n_resamples=200, confidence_level=0.95, seed=0)
-CANONICAL = CanonicalCorrelationSettings(
-    speech_components=5,
-    lags_frames=(-1, 0, 1),
-    context_frames=1,
-    fourier_features=64,
-    kernel_width=1.0,
-    canonical_components=6,
-    ridge=1e-4,
-)
 
 
 def over_seeds(*values):
@@ -164,9 +142,8 @@ def test_both_families_train_alike_and_a_row_differs_in_its_subject_alone():
     own_budget = {"talkingeyes", "talkingeyes_events"}
     rows = {row for table in TABLES.values() for row in table.rows} - own_budget
     budgets = [models[row]["loop"] for row in rows if "loop" in models[row]]
-    assert len(budgets) == 18
+    assert len(budgets) == 17
     assert all(each == budgets[0] for each in budgets)
-    assert (models["similar"]["neighbours"], models["similar_five"]["neighbours"]) == (1, 5)
     for base, row, weights in (
         ("talkingeyes_paper", "without_velocity", {"head_velocity": 0.0, "gaze_velocity": 0.0}),
         ("talkingeyes_paper", "without_regularity", {"gaze_regularity": 0.0}),
@@ -275,7 +252,7 @@ def test_measured_rows_are_not_recomputed(tmp_path):
 
 
 def test_components_of_a_model_are_trained_first(monkeypatch, tmp_path):
-    params, asked = compose(["experiment=paper_tables", f"result_store={tmp_path}"]), []
+    params, asked = compose(["experiment=posegan", f"result_store={tmp_path}"]), []
 
     class Stop(Exception):
         pass
@@ -287,63 +264,14 @@ def test_components_of_a_model_are_trained_first(monkeypatch, tmp_path):
 
     monkeypatch.setattr(table_runs, "_obtain", get_or_run)
     kind = table_runs.RowSpec(
-        "toy_row", (), (), ("evaluate",), lambda call, workspace: Report(), ("canonical_correlation",), ()
+        "toy_row", (), (), ("evaluate",), lambda call, workspace: Report(), ("posegan_then_gaze",), ()
     )
     with pytest.raises(Stop):
-        table_runs._row(kind, {}, (params, "canonical_correlation"))
-    assert asked == ["train@talkingeyes_paper", "train@canonical_correlation", "sample@canonical_correlation"]
-    assert [call.address for call in table_runs.shared_calls(params, ["canonical_correlation"], critic=True)] == [
+        table_runs._row(kind, {}, (params, "posegan_then_gaze"))
+    assert asked == ["train@posegan", "train@talkingeyes_events", "train@posegan_then_gaze", "sample@posegan_then_gaze"]
+    assert [call.address for call in table_runs.shared_calls(params, ["posegan_then_gaze"], critic=True)] == [
         "synthesize", "fit", "embed", "pretrain@gaze_frames", "critic",
     ]  # fmt: skip
-
-
-def related(count, seed, frames=200):
-    """Motions whose gaze is a function of head and speech, partly nonlinear."""
-    random = np.random.default_rng(seed)
-    made = []
-    for _ in range(count):
-        speech, head = random.normal(size=(frames, 5)), random.normal(size=(frames, 3)) * 0.2
-        gaze = np.zeros((frames, 2, 3))
-        gaze[..., 0] = (0.3 * speech[:, 0] - head[:, 0])[:, None]
-        gaze[..., 1] = (0.5 * np.tanh(head[:, 1] * 3) - 0.2 * head[:, 1])[:, None]
-        made.append(Example(speech, head, gaze))
-    return made
-
-
-def test_canonical_correlation_finds_dependence_on_head_and_speech():
-    examples = related(12, seed=0)
-    relation = fit_canonical_correlation(CANONICAL, examples, seed=0)
-    assert (np.diff(relation.correlations) <= 1e-12).all()
-    assert relation.correlations[0] > 0.99
-    new = related(3, seed=1)
-    ours = np.concatenate([generate_gaze(CANONICAL, relation, each.speech, each.head) for each in new])
-    true = np.concatenate([each.gaze for each in new])
-    assert ((ours - true) ** 2).mean() < 0.1 * ((true - true.mean(0)) ** 2).mean()
-    few = fit_canonical_correlation(CANONICAL.model_copy(update={"canonical_components": 1}), examples, seed=0)
-    worse = np.concatenate([generate_gaze(CANONICAL, few, each.speech, each.head) for each in new])
-    assert ((worse - true) ** 2).mean() > ((ours - true) ** 2).mean()
-
-
-def test_canonical_model_is_a_generator_and_loads(tmp_path, workspace):
-    head = load(workspace.data("train", "random"))
-    clips = [replace(each, speech=each.speech[:, :5]) for each in recordings(6, seed=4)]
-    names = json.loads(workspace.data("embed", "embedding.json").read_text())["channels"]
-    settings = CanonicalModelSettings(
-        kind="canonical_correlation", parts=("head", "gaze"), tokenizer=None, source_models=("random",), gaze=CANONICAL
-    )
-    normaliser = Normaliser(tuple(names), np.zeros(5, np.float32), np.ones(5, np.float32))
-    model = fit_canonical_gaze(settings, clips, normaliser, seed=0)
-    save_canonical(tmp_path, settings, model, head)
-    generator, speech = load_generator(tmp_path), clips[0].speech
-    many, one = generator.generate(speech, [3, 4], 25.0), generator.generate(speech, [4], 25.0)
-    assert np.array_equal(many.gaze[1], one.gaze[0])
-    assert np.array_equal(
-        many.head, load_generator(workspace.data("train", "random")).generate(speech, [3, 4], 25.0).head
-    )
-    assert np.allclose(many.gaze, model.generate_gaze(speech, many.head, [], NO_CONDITIONING))
-    assert not np.allclose(many.gaze[0], many.gaze[1]), "another head, another gaze"
-    for frames in (1, 3, 40):
-        assert generator.generate(speech[:frames], [1], 25.0).gaze.shape == (1, frames, 2, 3)
 
 
 def test_seeds_with_other_clips_are_left_out():

@@ -194,7 +194,7 @@ def translation(kind: str, **changes: Any) -> MotionTaskSettings:
             "gaze": {"kind": kind, **GAZE[kind]},
             "conditions": [],
             "init_from": None,
-            "head_mix": {"truth": 0.5, "posterior": 0.5, "prior": 0.0},
+            "reconstructed_heads": 0.5,
             "weights": {"head_reconstruction": 1.0, "head_velocity": 1.0, "head_kl": 0.1}
             | {f"gaze_{each}": 1.0 for each in loss_terms},
             "temperatures": [1.0, 0.5],

@@ -100,7 +100,7 @@ def test_frozen_part_is_unchanged_and_the_rest_trains(folder: Path, tmp_path: Pa
         away.rename(folder)
     assert required_inputs(again) == {"sound"}
     one = clips[1][0]
-    told = ConditioningProvider({"sound"}, [], (), conditioning_paths).clip_inputs(one.clip, FRAMES)
+    told = ConditioningProvider({"sound"}, [], conditioning_paths).clip_inputs(one.clip, FRAMES)
     direct = task.module.generate(torch.from_numpy(one.speech), [5], None, told)
     np.testing.assert_allclose(again.generate(one.speech, [5], 25.0, told).gaze, direct.gaze.numpy(), atol=1e-5)
     with pytest.raises(InputError, match=r"^speech.waveform_encoder: .*got none$"):
@@ -156,7 +156,7 @@ def test_windows_carry_their_own_sound(tmp_path: Path) -> None:
     (one,) = recordings(1, seed=1, frames=FRAMES)
     conditioning_paths = sounds(tmp_path, [one])
     clip_inputs = conditioning_paths.corpus.speech(one.clip)
-    found = ConditioningProvider({"sound"}, [], (), conditioning_paths).window(replace(one.clip), slice(20, 60), False)[
+    found = ConditioningProvider({"sound"}, [], conditioning_paths).window(replace(one.clip), slice(20, 60), False)[
         "sound"
     ]
     np.testing.assert_array_equal(found, clip_inputs[20 * 640 : 60 * 640])

@@ -24,7 +24,6 @@ EMBED = {
         "energy_floor_dbfs": -80.0,
     },
     "level_dbfs": -20.0,
-    "include_partner": False,
 }
 BLINKS = {"speakers": {"log_normal": {"mean": 3.0, "sd": 0.3}, "count": 9, "without_blinks": 0}}
 

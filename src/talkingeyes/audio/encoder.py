@@ -8,7 +8,7 @@ level.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -44,7 +44,6 @@ class EmbedSettings(Settings):
     encoder: Annotated[SerializeAsAny[ComponentSettings], BeforeValidator(ENCODERS.parse)]
     prosody: ProsodySettings
     level_dbfs: Annotated[float, Field(ge=-40, le=-6)]  # level of loud syllables to which every sound is normalised
-    include_partner: Literal[False]  # packed models name it: their own channel alone is embedded
 
 
 @runtime_checkable

@@ -13,11 +13,11 @@ from typing import Annotated, Any, Literal
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
-from pydantic import Field, model_validator
+from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.settings import Settings, bounds_error
+from talkingeyes.core.settings import Settings
 from talkingeyes.models.condition.conditioner import (
     CONDITIONERS,
     NO_CONDITIONING,
@@ -27,7 +27,6 @@ from talkingeyes.models.condition.conditioner import (
     ConditioningSpec,
     ConditionSettings,
     InputName,
-    TrainingStatistics,
 )
 from talkingeyes.models.gaze.generator import (
     GAZE_GENERATORS,
@@ -40,32 +39,12 @@ from talkingeyes.models.gaze.generator import (
 )
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.head.generator import HEAD_GENERATORS, HeadComponentSettings, HeadGenerator, HeadLikelihood
-from talkingeyes.models.layers import distributed
 from talkingeyes.models.speech_projection import (
     CausalSpeechProjectionSettings,
     SpeechProjection,
     SpeechProjectionSettings,
 )
 from talkingeyes.models.waveform_encoder import WaveformEncoder, WaveformSpeechSettings
-
-
-class HeadMixSettings(Settings):
-    """The head motion that gaze is conditioned on in training: fractions of the clips of a batch that sum to 1."""
-
-    # The true (fitted) head.
-    truth: Annotated[float, Field(ge=0, le=1)]
-    # The head generator's reconstruction (the paper: 1), with gradient.
-    posterior: Annotated[float, Field(ge=0, le=1)]
-    # The head generator's sample for the speech alone, as at inference.
-    prior: Annotated[float, Field(ge=0, le=1)]
-
-    @model_validator(mode="after")
-    def _whole(self) -> HeadMixSettings:
-        if abs(self.truth + self.posterior + self.prior - 1) > 1e-6:
-            raise bounds_error(
-                "truth, posterior and prior should be 1 together", self.truth + self.posterior + self.prior
-            )
-        return self
 
 
 class SpeechToMotionSettings(Settings):
@@ -81,7 +60,9 @@ class SpeechToMotionSettings(Settings):
     conditions: tuple[ConditionSettings, ...]
     head: HeadComponentSettings
     gaze: GazeComponentSettings
-    head_mix: HeadMixSettings
+    # Fraction of the clips of a batch whose gaze is conditioned, in training, on the head generator's reconstruction
+    # (the paper: 1), with gradient; the others on the true (fitted) head.
+    reconstructed_heads: Annotated[float, Field(ge=0, le=1)]
     weights: dict[str, Annotated[float, Field(ge=0)]]
     # Candidate temperatures, chosen on val by free-running statistics; a single one is used as it is.
     temperatures: tuple[Annotated[float, Field(ge=0)], ...]
@@ -168,12 +149,10 @@ class SpeechToMotion(nn.Module):
         condition_features = frozenset(need for each in self.conditioners for need in each.required_inputs)
         return condition_features | {"sound"} if self.waveform_encoder is not None else condition_features
 
-    def fit_statistics(self, seen: TrainingStatistics) -> None:
-        """Set the statistics of the train split; channels of the waveform encoder are not standardised."""
+    def standardise_by(self, mean: Float[Tensor, " C"], std: Float[Tensor, " C"]) -> None:
+        """Set the statistics of the embedding; channels of the waveform encoder are not standardised."""
         more = len(self.waveform_encoder.channels) if self.waveform_encoder is not None else 0
-        self.speech.standardise_by(F.pad(seen.mean, (0, more)), F.pad(seen.std, (0, more), value=1.0))
-        for each in self.conditioners:
-            each.fit_statistics(seen)
+        self.speech.standardise_by(F.pad(mean, (0, more)), F.pad(std, (0, more), value=1.0))
 
     def encode_speech(self, embedding: Float[Tensor, "B T C"], conditioning: ConditioningInputs) -> ConditionFeatures:
         """Speech features concatenated with all condition vectors, per frame. Raises InputError if the model needs the
@@ -208,7 +187,7 @@ class SpeechToMotion(nn.Module):
         batch = batch.to(self.temperature.device)
         speech = self.encode_speech(batch.speech, batch.conditioning)
         predicted = self.head.predict(speech.head, batch.head)
-        seen = self._mix_heads(speech.head, batch.head, predicted.head)
+        seen = self._mix_heads(batch.head, predicted.head)
         condition = GazeCondition(speech.gaze, batch.head, self.head.normal(seen))
         loss_terms = predicted.loss_terms | self.gaze.loss_terms(condition, batch.gaze)
         if unknown := self.settings.weights.keys() - loss_terms.keys():
@@ -234,18 +213,10 @@ class SpeechToMotion(nn.Module):
             terms |= {f"gaze_{name}": value for name, value in found.items()}
         return terms
 
-    def _mix_heads(
-        self, speech: Float[Tensor, "B T S"], true: Float[Tensor, "B T 3"], posterior: Float[Tensor, "B T 3"]
-    ) -> Float[Tensor, "B T 3"]:
-        """The heads that gaze is conditioned on in training, mixed by `head_mix`."""
-        mix, uniform = self.settings.head_mix, torch.rand(len(true), device=true.device)
-        head = torch.where((uniform < mix.posterior)[:, None, None], posterior, true)
-        if mix.prior == 0:
-            return head
-        seeds = distributed.local_rows(torch.randint(2**31, (len(true) * distributed.world_size(),)).tolist())
-        with torch.no_grad():
-            prior = self.head.sample(speech, seeds)
-        return torch.where((uniform >= 1 - mix.prior)[:, None, None], prior, head)
+    def _mix_heads(self, true: Float[Tensor, "B T 3"], reconstructed: Float[Tensor, "B T 3"]) -> Float[Tensor, "B T 3"]:
+        """The heads that gaze is conditioned on in training, mixed by `reconstructed_heads`."""
+        uniform = torch.rand(len(true), device=true.device)
+        return torch.where((uniform < self.settings.reconstructed_heads)[:, None, None], reconstructed, true)
 
     @torch.no_grad()
     def generate(

@@ -26,7 +26,6 @@ from talkingeyes.models.baselines import BaselineSettings
 from talkingeyes.rendering.video import ReportSettings
 from talkingeyes.synthesis.plan import SynthesizeSettings
 from talkingeyes.tracking.settings import TrackSettings
-from talkingeyes.training.canonical_gaze import CanonicalModelSettings
 from talkingeyes.training.face_task import FaceTaskSettings
 from talkingeyes.training.face_tokenizer import FaceTokenizerSettings
 from talkingeyes.training.gaze_tokenizer import GazeTokenizerSettings
@@ -66,7 +65,6 @@ ModelSettings = Annotated[
     | PoseTaskSettings
     | PGFaceTaskSettings
     | HeadThenGazeSettings
-    | CanonicalModelSettings
     | BaselineSettings,
     Field(discriminator="kind"),
 ]

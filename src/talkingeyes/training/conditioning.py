@@ -1,12 +1,10 @@
 """Conditioning inputs of windows and whole clips, for models that need them (models/condition/).
 
-An unseen speaker is replaced by a random training speaker, chosen by the sound. A reference is another clip of the same
-speaker from the train split: in training a window of it, as long as the window itself, otherwise the whole clip.
+An unseen speaker is replaced by a random training speaker, chosen by the sound.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,11 +17,9 @@ from numpy import ndarray
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.recordings import Recording
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.models.condition.conditioner import ConditioningInputs, InputName
 from talkingeyes.models.condition.random_speaker import random_speaker
-from talkingeyes.models.gaze.gaze_signal import mirror_motion
 
 WindowInputs = Mapping[str, ndarray]
 
@@ -37,45 +33,27 @@ class ConditioningPaths:
 
 
 class ConditioningProvider:
-    """Provides the conditioning inputs of clips; references are chosen among `reference_recordings`."""
+    """Provides the conditioning inputs of clips."""
 
     def __init__(
         self,
         required_inputs: Collection[InputName],
         speakers: Sequence[str],
-        reference_recordings: Sequence[Recording],
         conditioning_paths: ConditioningPaths | None,
     ) -> None:
-        self.required_inputs, self.speakers, self.reference_recordings, self.conditioning_paths = (
-            required_inputs,
-            list(speakers),
-            reference_recordings,
-            conditioning_paths,
-        )
-        self.clips_by_speaker: defaultdict[str, list[int]] = defaultdict(list)
-        for index, clip in enumerate(
-            [each.clip for each in reference_recordings] if "reference" in required_inputs else ()
-        ):
-            self.clips_by_speaker[clip.speaker].append(index)
+        self.required_inputs, self.speakers = required_inputs, list(speakers)
+        self.conditioning_paths = conditioning_paths
 
     def window(self, clip: Clip, frames: slice, mirror: bool) -> WindowInputs:
         """Inputs of some frames of a clip. The same window always gets the same inputs."""
         found = self._own(clip, frames)
         if "speaker" in found and mirror:
             found["speaker"] = np.asarray(found["speaker"] + len(self.speakers))  # the speaker's mirror image
-        if "reference" in self.required_inputs:
-            rng = np.random.default_rng([*clip.id.encode(), frames.start])
-            found["reference"] = self._reference(clip, frames.stop - frames.start, mirror, rng)
         return found
 
     def clip_inputs(self, clip: Clip, frames: int) -> ConditioningInputs:
         """Inputs of a whole clip, as one window."""
-        found = self._own(clip, slice(0, frames))
-        others = self._others(clip) if "reference" in self.required_inputs else []
-        if others:
-            other = self.reference_recordings[others[0]]
-            found["reference"] = motion_array(other.head, other.gaze)
-        return collate_inputs([found])
+        return collate_inputs([self._own(clip, slice(0, frames))])
 
     def _own(self, clip: Clip, frames: slice) -> dict[str, ndarray]:
         found: dict[str, ndarray] = {}
@@ -85,23 +63,6 @@ class ConditioningProvider:
             found["sound"] = self._sound(clip, frames)
         return found
 
-    def _others(self, clip: Clip) -> list[int]:
-        """Reference clips of the same speaker with another sound."""
-        return [
-            each
-            for each in self.clips_by_speaker[clip.speaker]
-            if self.reference_recordings[each].clip.sound != clip.sound
-        ]
-
-    def _reference(self, clip: Clip, frames: int, mirror: bool, rng: np.random.Generator) -> Float[ndarray, "R 9"]:
-        others = [each for each in self._others(clip) if len(self.reference_recordings[each]) >= frames]
-        if not others:
-            return np.full((frames, 9), np.nan, np.float32)
-        other = self.reference_recordings[int(rng.choice(others))]
-        start = int(rng.integers(len(other) - frames + 1))
-        head, gaze = other.head[start : start + frames], other.gaze[start : start + frames]
-        return motion_array(*mirror_motion(head, gaze)) if mirror else motion_array(head, gaze)
-
     def _sound(self, clip: Clip, frames: slice) -> Float[ndarray, " N"]:
         if self.conditioning_paths is None:
             raise InputError("speech.waveform_encoder: should be given a corpus with sound, got none")
@@ -110,7 +71,7 @@ class ConditioningProvider:
         return pad_or_trim(self.conditioning_paths.corpus.speech(clip)[start:], count)
 
 
-WITHOUT_CONDITIONING = ConditioningProvider((), (), (), None)
+WITHOUT_CONDITIONING = ConditioningProvider((), (), None)
 
 
 def speaker_index(speakers: Sequence[str], name: str, seed_text: str) -> int:
@@ -124,7 +85,7 @@ def pad_or_trim(sound: Float[ndarray, " N"], count: int) -> Float[ndarray, " M"]
 
 
 def motion_array(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 9"]:
-    """A motion in the layout of a style reference: head, then both eyes in the head."""
+    """A motion in one array: head, then both eyes in the head."""
     return np.concatenate([head, gaze.reshape(len(gaze), 6)], axis=1).astype(np.float32)
 
 

@@ -26,7 +26,6 @@ from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.speech_to_motion import MotionBatch, SpeechInput, SpeechToMotion
 from talkingeyes.models.speech_to_pose import SpeechToPose
 from talkingeyes.training.baseline_checkpoint import load_baseline
-from talkingeyes.training.canonical_gaze import HEAD_PREFIX, CanonicalGaze, load_canonical
 from talkingeyes.training.checkpoint import Checkpoint, build_network, load, save
 from talkingeyes.training.motion_task import MotionTaskSettings
 from talkingeyes.training.pose_task import PoseTaskSettings
@@ -155,10 +154,10 @@ class HeadThenGazeSettings(Settings):
 
 @dataclass(frozen=True)
 class HeadThenGaze(TrainedGenerator):
-    """The head of one model, and gaze for this head by another or by canonical correlation."""
+    """The head of one model, and gaze for this head by another."""
 
     head: TrainedGenerator
-    gaze: NetworkGenerator | CanonicalGaze
+    gaze: NetworkGenerator
 
     def sample(self, speech: Speech) -> Samples:
         """Sample the head first, then gaze for the same speech and head. Both models get the same conditioning."""
@@ -187,7 +186,7 @@ def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Chec
     save(folder, tensors, config)
 
 
-def required_inputs(generator: TrainedGenerator | CanonicalGaze) -> frozenset[InputName]:
+def required_inputs(generator: TrainedGenerator) -> frozenset[InputName]:
     """Inputs of a trained model besides the embedding."""
     if isinstance(generator, NetworkGenerator | PoseModelGenerator):
         return generator.network.required_inputs
@@ -196,7 +195,7 @@ def required_inputs(generator: TrainedGenerator | CanonicalGaze) -> frozenset[In
     return frozenset()
 
 
-def training_speakers(generator: TrainedGenerator | CanonicalGaze) -> tuple[str, ...]:
+def training_speakers(generator: TrainedGenerator) -> tuple[str, ...]:
     """The training speakers of a model conditioned on the speaker, in index order."""
     if "speaker" not in required_inputs(generator):
         return ()
@@ -248,8 +247,6 @@ def _generator(checkpoint: Checkpoint) -> TrainedGenerator:
     if kind == "head_then_gaze":
         gaze = NetworkGenerator(_network(_part(checkpoint, "gaze")))
         return HeadThenGaze(_generator(_part(checkpoint, "head")), gaze)
-    if kind == "canonical_correlation":
-        return HeadThenGaze(_generator(_part(checkpoint, HEAD_PREFIX)), load_canonical(checkpoint))
     return BaselineGenerator(*load_baseline(checkpoint))
 
 

@@ -15,13 +15,13 @@ from torch import Tensor
 
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.recordings import Normaliser, Recording
-from talkingeyes.models.condition.conditioner import ConditioningInputs, TrainingStatistics
+from talkingeyes.models.condition.conditioner import ConditioningInputs
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.equaliser import Equaliser
 from talkingeyes.models.layers.schedules import set_trained_steps
 from talkingeyes.models.speech_to_motion import SpeechInput, SpeechToMotion, SpeechToMotionSettings
 from talkingeyes.training.checkpoint import Checkpoint
-from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider, motion_array
+from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
 from talkingeyes.training.free_running import FreeRunningStatistics, free_running_statistics
 from talkingeyes.training.initialisation import init_from
 from talkingeyes.training.loop import LoopSettings
@@ -70,18 +70,10 @@ class MotionTask:
         clips, heads, gazes = zip(*((each.clip, each.head, each.gaze) for each in train), strict=True)
         speakers = sorted({clip.speaker for clip in clips}) if settings.conditions else []
         self.module = SpeechToMotion(settings, normaliser.channels, codebook, speakers)
-        required_inputs = self.module.required_inputs
-        self.conditioning_provider = ConditioningProvider(required_inputs, speakers, train, conditioning_paths)
+        self.conditioning_provider = ConditioningProvider(self.module.required_inputs, speakers, conditioning_paths)
         self.windows = WindowDataset(train, settings.windows, seed, partial(motion_batch, self.conditioning_provider))
         self.rng = self.windows.rng
-        motions = [
-            torch.from_numpy(motion_array(head, gaze))
-            for head, gaze in zip(heads, gazes, strict=True)
-            if "reference" in required_inputs
-        ]
-        self.module.fit_statistics(
-            TrainingStatistics(torch.from_numpy(normaliser.mean), torch.from_numpy(normaliser.std), motions)
-        )
+        self.module.standardise_by(torch.from_numpy(normaliser.mean), torch.from_numpy(normaliser.std))
         self._normalise(np.concatenate(heads), np.concatenate(gazes))
         if start is not None:
             init_from(self.module, start)

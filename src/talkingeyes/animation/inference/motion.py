@@ -38,10 +38,7 @@ def can_generate_motion(config: Mapping[str, Any]) -> bool:
         and model["head"]["kind"] == model["gaze"]["kind"] == "point_process"
         and not {"lookahead", "waveform_encoder"} & model["speech"].keys()
         and [each["kind"] for each in model["conditions"]] in ([], ["speaker"])
-        and all(
-            model[part]["process"]["mixture_centres"] == "learned" and "lookahead" not in model[part]["process"]
-            for part in ("head", "gaze")
-        )
+        and not any("lookahead" in model[part]["process"] for part in ("head", "gaze"))
     )
 
 

@@ -93,7 +93,7 @@ class StreamRequest(AnimationRequest):
     @property
     def gaze(self) -> GazeDirection:
         """What directs gaze."""
-        ahead = STRAIGHT_AHEAD.positions_m[0] if self.target in (CAMERA, LISTENER) else None
+        ahead = STRAIGHT_AHEAD.positions[0][:3] if self.target in (CAMERA, LISTENER) else None
         point = self.target if isinstance(self.target, tuple) else None
         return GazeDirection(self.eye_contact, ahead or point, self.state)
 

@@ -1,4 +1,4 @@
-"""Conditioning of a model on more than its own speech: the speaker, a style reference.
+"""Conditioning of a model on more than its own speech: the speaker.
 
 Each kind is one file of this folder and one entry of the list `conditions` in conf/model/; `[]` means no conditioning
 (the paper). A conditioner yields vectors that are concatenated with the speech features, so they reach every generator
@@ -7,7 +7,6 @@ of head and gaze.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 
@@ -20,28 +19,23 @@ from talkingeyes.core.settings import ComponentRegistry, ComponentSettings
 
 CONDITIONERS = ComponentRegistry(
     "condition",
-    {
-        "speaker": "talkingeyes.models.condition.speaker_embedding:SpeakerEmbedding",
-        "reference": "talkingeyes.models.condition.style_encoder:StyleEncoder",
-    },
-    ("required_inputs", "fit_statistics", "forward"),
+    {"speaker": "talkingeyes.models.condition.speaker_embedding:SpeakerEmbedding"},
+    ("required_inputs", "forward"),
 )
 ConditionSettings = Annotated[SerializeAsAny[ComponentSettings], BeforeValidator(CONDITIONERS.parse)]
 
-InputName = Literal["speaker", "reference", "sound"]
+InputName = Literal["speaker", "sound"]
 
 
 @dataclass(frozen=True)
 class ConditioningInputs:
-    """Conditioning of B windows of T frames. None: unconditional; a row of NaN (speaker -1): unconditional for this
-    window.
+    """Conditioning of B windows of T frames. None: unconditional; speaker -1: unconditional for this window.
 
-    `speaker` is an index into the list of the training speakers, followed by their mirror images. `reference` holds
-    head and eye-in-head (radians) of another clip, `sound` the waveform of the speech, N / T samples per frame.
+    `speaker` is an index into the list of the training speakers, followed by their mirror images. `sound` is the
+    waveform of the speech, N / T samples per frame.
     """
 
     speaker: Int[Tensor, " B"] | None = None
-    reference: Float[Tensor, "B R 9"] | None = None
     sound: Float[Tensor, "B N"] | None = None
 
     def to(self, device: torch.device) -> ConditioningInputs:
@@ -59,15 +53,6 @@ class ConditioningSpec:
 
     channels: tuple[str, ...]
     speakers: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class TrainingStatistics:
-    """Train split: mean and standard deviation of the speech embedding, and motions (head and eye-in-head, radians)."""
-
-    mean: Float[Tensor, " C"]
-    std: Float[Tensor, " C"]
-    motions: Sequence[Float[Tensor, "R 9"]]
 
 
 @dataclass(frozen=True)
@@ -90,10 +75,6 @@ class Conditioner(Protocol):
     settings_class: Any
     # Inputs that must be provided; inputs that no conditioner requires are not loaded.
     required_inputs: tuple[InputName, ...]
-
-    def fit_statistics(self, statistics: TrainingStatistics) -> None:
-        """Set the statistics of the train split."""
-        ...
 
     def forward(self, conditioning: ConditioningInputs, batch_size: int) -> ConditionFeatures:
         """Condition vectors of `batch_size` windows."""

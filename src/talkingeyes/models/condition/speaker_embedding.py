@@ -19,7 +19,6 @@ from talkingeyes.models.condition.conditioner import (
     ConditioningInputs,
     ConditioningSpec,
     InputName,
-    TrainingStatistics,
     condition_dropout_mask,
 )
 
@@ -62,9 +61,6 @@ class SpeakerEmbedding(nn.Module):
         self.symmetric, self.antisymmetric = (nn.Embedding(self.speakers + 1, width) for _ in range(2))
         for table in (self.symmetric, self.antisymmetric):
             nn.init.normal_(table.weight, std=INIT_STD)
-
-    def fit_statistics(self, statistics: TrainingStatistics) -> None:
-        """Do nothing: no statistics are needed."""
 
     def forward(self, conditioning: ConditioningInputs, batch_size: int) -> ConditionFeatures:
         """The vector of each window's speaker, scaled at inference."""

@@ -104,7 +104,7 @@ class RegressionGaze(nn.Module):
         norm, unit = self.codebook.settings.norm, self.codebook.loss_scale
         predicted, true, past = unit * self._normal(made.signal), unit * true, unit * past
         codes = made.codes if self.settings.regularity == "nearest_codes" else self._codes(signal)
-        regularity = F.mse_loss(self.codebook.quantiser.to_code_space(made.features), codes)
+        regularity = F.mse_loss(made.features, codes)
         return {
             "gaze_reconstruction": losses.reconstruction(predicted, true, norm),
             "gaze_velocity": losses.velocity(predicted, true, norm),

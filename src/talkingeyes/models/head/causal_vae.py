@@ -29,8 +29,6 @@ class CausalVAEHeadSettings(VAESettings, ComponentSettings):
     kind: Literal["causal_vae"]
     # Frames per latent code. One code per clip cannot be streamed.
     latent_frames: Annotated[int, Field(gt=0)]
-    # Of the codes: N(0, I) as in the paper; packed models name it.
-    prior: Literal["standard"]
     # Factor on the standard deviation of sampled codes.
     temperature: Annotated[float, Field(gt=0, le=1)]
     # Factor on the deviation of sampled heads from the mean pose, which the means of a VAE are drawn to.
@@ -65,7 +63,7 @@ class CausalVAEHead(nn.Module):
     def __init__(self, settings: CausalVAEHeadSettings, speech: int) -> None:
         super().__init__()
         self.settings = settings
-        size = settings.model_dump(exclude={"prior", "temperature", "gain"}) | {
+        size = settings.model_dump(exclude={"temperature", "gain"}) | {
             "kind": "vae",
             "norm": "standardised_mean",
             "standardised": True,

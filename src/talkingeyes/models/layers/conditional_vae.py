@@ -3,6 +3,9 @@
 There is one latent code c per clip (`latent_frames: null`, as in the paper) or one every `latent_frames` frames. Codes
 are interpolated at constant variance, so that a long motion has no seams. A code per clip is resampled every 20 s in
 longer speech.
+
+Free bits (Kingma et al. 2016, eq. 15) put a lower bound on the divergence of each dimension, so that emptying a
+dimension completely does not reduce the loss (an extension of eq. 13).
 """
 
 from __future__ import annotations
@@ -20,7 +23,6 @@ from torch import Tensor, nn
 from talkingeyes.core.settings import Settings
 from talkingeyes.models import losses
 from talkingeyes.models.layers.convolution import ConvolutionStack
-from talkingeyes.models.layers.kl import KLSettings, annealing_weight, free_bits_kl
 
 CLIP_LATENT_FRAMES = 500
 
@@ -35,8 +37,8 @@ class VAESettings(Settings):
     latent: Annotated[int, Field(gt=0)]
     # Frames per latent code; null: one code per clip.
     latent_frames: Annotated[int, Field(gt=0)] | None
-    # Weight of the divergence from the prior.
-    kl: KLSettings
+    # Free bits of the divergence from the prior per latent dimension; 0: none.
+    free_bits: Annotated[float, Field(ge=0)]
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class ConditionalVAE(nn.Module):
 
     def __init__(self, settings: VAESettings, features: int, condition: int) -> None:
         super().__init__()
-        self.settings, self.trained_steps = settings, 0
+        self.settings = settings
         self.encoder = ConvolutionStack(features + condition, settings.width, settings.layers, settings.dropout)
         self.moments = nn.Linear(settings.width, 2 * settings.latent)
         self.decoder = ConvolutionStack(settings.latent + condition, settings.width, settings.layers, settings.dropout)
@@ -93,11 +95,8 @@ class ConditionalVAE(nn.Module):
         return DiagonalGaussian(mean, log_variance.clamp(-10, 10))
 
     def kl_loss(self, posterior: DiagonalGaussian) -> Float[Tensor, ""]:
-        """KL loss (eq. 13) at the current training step, annealed and with free bits."""
-        kl = self.settings.kl
-        return annealing_weight(kl.annealing, self.trained_steps) * free_bits_kl(
-            posterior.divergence_per_dim(), kl.free_bits
-        )
+        """KL loss (eq. 13) with free bits."""
+        return free_bits_kl(posterior.divergence_per_dim(), self.settings.free_bits)
 
     def reconstruct(
         self,
@@ -139,3 +138,10 @@ class ConditionalVAE(nn.Module):
         share = (place - left)[:, None]
         norm = torch.where(left == right, torch.ones_like(place), torch.hypot(share[:, 0], 1 - share[:, 0]))[:, None]
         return ((1 - share) * codes[:, left] + share * codes[:, right]) / norm
+
+
+def free_bits_kl(divergence_per_dim: Float[Tensor, "B N Z"], free_bits: float) -> Float[Tensor, ""]:
+    """Mean divergence (nats per dimension). The batch mean of each of the Z dimensions is at least its free bits."""
+    if free_bits == 0:
+        return divergence_per_dim.mean()
+    return divergence_per_dim.mean(dim=(0, 1)).clamp(min=free_bits * math.log(2)).mean()

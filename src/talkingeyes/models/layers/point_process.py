@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated
 
 import torch
 import torch.nn.functional as F
@@ -47,8 +47,6 @@ class PointProcessSettings(Settings):
     # Number of mixture components at fixed centres, and of those near the present location.
     absolute_components: Annotated[int, Field(ge=0)]
     relative_components: Annotated[int, Field(gt=0)]
-    # The centres of the absolute components are trained by the likelihood; packed models name this kind.
-    mixture_centres: Literal["learned"]
     # Whether the features shift and scale the relative components, all by the same amount.
     adaptive_components: bool
     # Number of previous steps in the features.

@@ -56,10 +56,6 @@ class Codebook(nn.Module):
         """Squared distances to all codes."""
         return squared_distances(latents, self.codebook)
 
-    def to_code_space(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
-        """The identity: latents and codes share a space."""
-        return latents
-
     def quantise(self, latents: Float[Tensor, "B N C"], mask: Bool[Tensor, "B N"] | None) -> QuantiserOutput:
         """Nearest codes (eq. 5), straight through, and the commitment loss of latents where `mask` is true (eq. 7)."""
         latents = latents.float()
