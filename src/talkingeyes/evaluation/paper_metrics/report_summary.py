@@ -1,4 +1,4 @@
-"""The report in at most 25 lines of plain text: five figures per model, requirements, and where the rest is."""
+"""The report in at most 25 lines of plain text: six figures per model, requirements, and where the rest is."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from typing import Any
 
 from talkingeyes.evaluation.paper_metrics.requirements import Requirement, count_met, met_of
 from talkingeyes.evaluation.paper_metrics.table3 import TITLES, MethodMetrics, metric, order_rows
+from talkingeyes.evaluation.text_tables import training_sentence
 
 SPLIT = "unseen"
 COLUMNS = (
     ("Diversity", "gaze", "diversity_ratio"),
     ("eye speed", "gaze", "speed_ratio"),
     ("Corr. eyes", "gaze", "corr"),
+    ("L2 eyes", "gaze", "l2"),
     ("Corr. head", "head", "corr"),
 )
 FACE_METRICS = (
@@ -32,6 +34,7 @@ def report_summary(
     informed: Mapping[str, Mapping[str, Any]],
     aversions: Mapping[str, Mapping[str, Any]],
     required: Mapping[str, Sequence[Requirement]],
+    budgets: Mapping[str, str],
     upstream: Sequence[Requirement],
     folder: str,
 ) -> str:
@@ -40,7 +43,7 @@ def report_summary(
     missed = [each for each in upstream if not each.is_met]
     return "\n".join(
         [
-            *summary_table(rows, informed, aversions, required),
+            *summary_table(rows, informed, aversions, required, budgets),
             "",
             f"fitting, codebooks, critics and the face: {count_met(upstream)} of {len(upstream)} requirements met",
             *(f"  missed: {each.name}: {_value(each)}, required {each.bounds}" for each in missed[:MAX_MISSED]),
@@ -57,9 +60,10 @@ def summary_table(
     informed: Mapping[str, Mapping[str, Any]],
     aversions: Mapping[str, Mapping[str, Any]],
     required: Mapping[str, Sequence[Requirement]],
+    budgets: Mapping[str, str],
 ) -> list[str]:
     """Its lines on models. `informed`: rows of the stage `information`; `aversions`: what speech tells about averted
-    gaze, of each row; `required`: of each model."""
+    gaze, of each row; `required`: of each model; `budgets`: the training of each model in words."""
     gaze = {name: row for name, row in rows.items() if metric(row, SPLIT, "gaze", "speed")}
     cells = [["", *([INFORMATION] if informed else []), AVERSION, *(title for title, _, _ in COLUMNS), TIES, MARGINS]]
     for name in order_rows(gaze):
@@ -75,6 +79,7 @@ def summary_table(
         "aversion, ties (motion follows its sound) and margins (it is like motion, whatever the sound):",
         "",
         *table,
+        training_sentence({TITLES.get(name, name): budgets.get(name, "") for name in order_rows(gaze)}),
         *_faces(rows),
     ]
 
