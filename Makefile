@@ -133,20 +133,20 @@ release-models: setup  ## Train the packaged models on 20 hours of seven languag
 	$(MAKE) --no-print-directory packaged-models models=build/release/data/train
 	$(BIN)/talkingeyes pack build/release/remote_call/data/train/talkingeyes_events -o src/talkingeyes/animation/assets/talkingeyes_remote_call.safetensors --no-face --half-precision --force
 
-release-report: setup  ## After make repro: measure the packaged models on a sealed corpus; appends to docs/releases.md
-	$(BIN)/python -m pipelines.release_report
+release-report: setup  ## After make repro: measure the packaged models on a sealed corpus; appends to docs/results/releases.md
+	$(BIN)/python -m pipelines.results.release_report
 
-face: setup  ## ProbTalk3D's Table 1: every model of the face, three seeds (docs/face_table.md has one so far); goes on where it was killed
-	$(BIN)/python -m pipelines.face_table
+face: setup  ## ProbTalk3D's Table 1: every model of the face, three seeds (docs/results/face_table.md has one so far); goes on where it was killed
+	$(BIN)/python -m pipelines.results.face_table
 
-tables: setup  ## TalkingEyes Tables III, V, VI and VII and their claims on three seeds (docs/tables.md); resumes. tables=table3,table7 seeds=0
-	$(BIN)/python -m pipelines.tables $(if $(tables),tables=$(tables)) $(if $(seeds),seeds=$(seeds))
+tables: setup  ## TalkingEyes Tables III, V, VI and VII and their claims on three seeds (docs/results/tables.md); resumes. tables=table3,table7 seeds=0
+	$(BIN)/python -m pipelines.results.tables $(if $(tables),tables=$(tables)) $(if $(seeds),seeds=$(seeds))
 
 reference-ranges: setup  ## How eyes, head, lids and jaw of the corpus move, beside reference ranges of people. Another: corpus=DIR
-	$(BIN)/python -m pipelines.reference_ranges $(if $(corpus),$(call quoted,corpus))
+	$(BIN)/python -m pipelines.results.reference_ranges $(if $(corpus),$(call quoted,corpus))
 
 real-videos: setup  ## Track and fit real videos and print the results. Your own: make real-videos videos=DIR
-	$(BIN)/python -m pipelines.real_videos $(call quoted,videos)
+	$(BIN)/python -m pipelines.results.real_videos $(call quoted,videos)
 
 ui: setup  ## Register the default model; compare runs in the browser, at 127.0.0.1:5000. make ui workspace=build/tiny
 	@$(BIN)/python -m pipelines.register_model $(call quoted,workspace)

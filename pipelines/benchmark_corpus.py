@@ -2,7 +2,8 @@
 
 Run     python -m pipelines.benchmark_corpus        (two minutes)
 Reads   conf/experiment/benchmark_corpus.yaml; the packaged models; data/critic and data/train of the default chain
-Writes  src/talkingeyes/corpus/assets/benchmark.zip; docs/benchmark_corpus.md and .json; works in build/benchmark_corpus
+Writes  src/talkingeyes/corpus/assets/benchmark.zip; docs/results/benchmark_corpus.md and .json; works in
+        build/benchmark_corpus
 
 Its sentences are of the part of the texts that the chain leaves for unseen speakers, and every sound has several takes.
 Outside the default pipeline.
@@ -28,9 +29,9 @@ from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.corpus.packed import EVALUATORS, PACKAGED, pack_corpus, unpack_corpus
 from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.evaluation.benchmark.comparison import MetricResult
-from talkingeyes.evaluation.benchmark.corr import CRITICS
-from talkingeyes.evaluation.critic.contrastive_training import CriticSettings
-from talkingeyes.evaluation.distribution.encoder import CHECKPOINT_NAME
+from talkingeyes.evaluation.measures.corr import CRITICS
+from talkingeyes.evaluation.measures.critic import CriticSettings
+from talkingeyes.evaluation.measures.motion_encoder import CHECKPOINT_NAME
 from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Workspace, parallel_map, run_command
@@ -40,7 +41,7 @@ from talkingeyes.workflows.animate import AnimationOptions
 from talkingeyes.workflows.animate_batch import animate_all
 from talkingeyes.workflows.evaluate import evaluate
 
-DOCS, SPLIT = Path("docs"), "unseen"
+DOCS, SPLIT = Path("docs/results"), "unseen"
 TRAINED = Path("data/train")
 # All of them as `talkingeyes animate` writes them, with its rule-based layers.
 MODELS = {
@@ -56,8 +57,8 @@ talkingeyes benchmark-corpus corpus
 ```
 
 writes {sounds} sounds of {speakers} speakers in {languages} languages, with {takes} true motions each. They come with
-the package, so anybody measures on the same sounds ([evaluate.md](evaluate.md)). Nothing is trained on them or chosen
-by them. Written by `python -m pipelines.benchmark_corpus`.
+the package, so anybody measures on the same sounds ([evaluate.md](../evaluate.md)). Nothing is trained on them or
+chosen by them. Written by `python -m pipelines.benchmark_corpus`.
 
 Random motion is the true motion of another speaker under another sound. It moves as people do, and passes every metric
 that does not ask whether motion follows its sound or its speaker, but for a few by chance: the intervals have 95 %,

@@ -19,13 +19,14 @@ from typing import Any
 
 from talkingeyes.corpus.recordings import recordings
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.evaluation.critic.contrastive_training import (
+from talkingeyes.evaluation.measures.critic import (
     ChannelSelection,
+    CriticScores,
     CriticSettings,
+    score_critic,
     split_speakers,
     train_critic,
 )
-from talkingeyes.evaluation.critic.scores import CriticScores, score_critic
 from talkingeyes.models.contrastive_critic import CRITIC_PARTS
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main, parallel_map
 
@@ -98,7 +99,7 @@ def train_part(
 
 def train_encoder(corpus_root: Path, fit: Path, embed: Path, folder: Path, settings: CriticSettings) -> float:
     """Train and save the encoder; return the fraction of variance that it explains on the held-out speakers."""
-    from talkingeyes.evaluation.distribution.encoder import CHECKPOINT_NAME, fit_motion_encoder
+    from talkingeyes.evaluation.measures.motion_encoder import CHECKPOINT_NAME, fit_motion_encoder
     from talkingeyes.training.checkpoint import save
 
     known = recordings(Corpus(corpus_root), fit, embed, "train")

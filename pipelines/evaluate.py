@@ -38,15 +38,6 @@ from talkingeyes.corpus.recordings import Recordings
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.evaluation.benchmark.aversion_information import (
-    LIVE_LOOKAHEAD_S,
-    SoundAversion,
-    aversion_information,
-    changes_per_s,
-    sound_aversion,
-)
-from talkingeyes.evaluation.benchmark.behaviour import with_references
-from talkingeyes.evaluation.benchmark.corr import CRITICS, SHUFFLED_SOUNDS, CorrScores, corr_scores
 from talkingeyes.evaluation.benchmark.paired import (
     MotionSets,
     PairedAccumulator,
@@ -57,14 +48,23 @@ from talkingeyes.evaluation.benchmark.paired import (
     sound_statistics,
 )
 from talkingeyes.evaluation.bootstrap import Estimate
-from talkingeyes.evaluation.critic.evaluators import Evaluators
-from talkingeyes.evaluation.face.summary import summarise_face
-from talkingeyes.evaluation.paper_metrics.summary import (
+from talkingeyes.evaluation.detectors.behaviour import with_references
+from talkingeyes.evaluation.measures.corr import CRITICS, SHUFFLED_SOUNDS, CorrScores, corr_scores
+from talkingeyes.evaluation.measures.evaluators import Evaluators
+from talkingeyes.evaluation.papers.probtalk3d_metrics import summarise_face
+from talkingeyes.evaluation.papers.talkingeyes_metrics import (
     ClipMetrics,
     EvaluateSettings,
     EvaluationCase,
     clip_metrics,
     summarise,
+)
+from talkingeyes.evaluation.report.information import (
+    LIVE_LOOKAHEAD_S,
+    SoundAversion,
+    aversion_information,
+    changes_per_s,
+    sound_aversion,
 )
 from talkingeyes.orchestration.run import InputPaths, Report, Workspace, main, parallel_map
 

@@ -19,9 +19,15 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.evaluation.face.emotion import EmotionClassifier, emotion_features
-from talkingeyes.evaluation.face.summary import FaceCase, FaceMetrics, crop_faces, face_metrics
-from talkingeyes.evaluation.face.surface import FaceSurface
+from talkingeyes.evaluation.papers.probtalk3d_metrics import (
+    EmotionClassifier,
+    FaceCase,
+    FaceMetrics,
+    crop_faces,
+    emotion_features,
+    face_metrics,
+)
+from talkingeyes.evaluation.papers.probtalk3d_surface import FaceSurface
 from talkingeyes.head.anny import anny_head
 from talkingeyes.orchestration.run import InputPaths, parallel_map
 

@@ -3,7 +3,7 @@
 Run: python -m pipelines.information talkingeyes_events
 
 Trains the model's twin without speech input, all else equal, and compares the likelihoods of fitted motion, the
-training target, under both (evaluation/model_selection/information.py).
+training target, under both (evaluation/report/information.py).
 
 Reads: the corpus index, data/fit, data/embed, data/train/<model>, and what its training reads.
 
@@ -29,8 +29,8 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.recordings import Recording, Recordings
 from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.evaluation.model_selection.information import ClipLikelihood, information
-from talkingeyes.evaluation.model_selection.validation_metrics import ValidateSettings
+from talkingeyes.evaluation.report.information import ClipLikelihood, information
+from talkingeyes.evaluation.report.validation_metrics import ValidateSettings
 from talkingeyes.models.speech_projection import SpeechProjectionSettings
 from talkingeyes.models.waveform_encoder import WaveformSpeechSettings
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, InputPaths, Report, Workspace, main, parallel_map

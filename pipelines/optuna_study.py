@@ -216,7 +216,7 @@ def write_results(study: OptunaStudy) -> None:
         _write_importances(artifacts[-1], importances, figures)
     best = study.optuna.best_trials if complete else []
     if len(figures) == 2 and complete:
-        from talkingeyes.evaluation.model_selection.pareto import plot_pareto_front
+        from talkingeyes.evaluation.report.validation_metrics import plot_pareto_front
 
         artifacts.append(folder / "pareto.png")
         plot_pareto_front(

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from ruamel.yaml import YAML
 
-from pipelines.people import RECORDED
+from pipelines.results.people import RECORDED
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.corpus.motion_files import MotionFields

@@ -31,16 +31,23 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.evaluation.benchmark.aversion_information import LIVE_LOOKAHEAD_S
 from talkingeyes.evaluation.benchmark.comparison import MetricResult
 from talkingeyes.evaluation.benchmark.metric_class import count_learnt
-from talkingeyes.evaluation.benchmark.strip_plot import plot_strips
 from talkingeyes.evaluation.benchmark.table import from_json
 from talkingeyes.evaluation.benchmark.table import markdown as benchmark_markdown
-from talkingeyes.evaluation.face.table import face_markdown
-from talkingeyes.evaluation.model_selection.information import information_table
-from talkingeyes.evaluation.paper_metrics.report_summary import report_summary, row_metrics
-from talkingeyes.evaluation.paper_metrics.requirements import (
+from talkingeyes.evaluation.papers.probtalk3d_table import face_markdown
+from talkingeyes.evaluation.papers.table3 import TITLES, MethodMetrics, critic_table, markdown, order_rows, to_csv
+from talkingeyes.evaluation.report.information import LIVE_LOOKAHEAD_S, information_table
+from talkingeyes.evaluation.report.plots import (
+    COLOURS,
+    Trace,
+    plot_code_usage,
+    plot_metrics,
+    plot_speed_distributions,
+    plot_strips,
+    plot_traces,
+)
+from talkingeyes.evaluation.report.requirements import (
     TIED_PARTS,
     Requirement,
     count_met,
@@ -48,24 +55,10 @@ from talkingeyes.evaluation.paper_metrics.requirements import (
     face_requirements,
     model_requirements,
     model_requirements_table,
+    report_summary,
     requirements_table,
+    row_metrics,
     to_json,
-)
-from talkingeyes.evaluation.paper_metrics.table3 import (
-    TITLES,
-    MethodMetrics,
-    critic_table,
-    markdown,
-    order_rows,
-    to_csv,
-)
-from talkingeyes.evaluation.plots import (
-    COLOURS,
-    Trace,
-    plot_code_usage,
-    plot_metrics,
-    plot_speed_distributions,
-    plot_traces,
 )
 from talkingeyes.evaluation.text_tables import markdown_table, training_budget, training_sentence
 from talkingeyes.orchestration.run import MethodResult, Report, Workspace, main
@@ -118,7 +111,7 @@ FACE_MODEL = "probtalk3d"  # the face of `animate`
 FACES = """# The face
 
 Errors on the vertices of the open head, against the true motion; each value with its interval over sounds. Definitions
-are in docs/face_measures.md, more rows in docs/face_table.md.
+are in docs/face_measures.md, more rows in docs/results/face_table.md.
 
 """
 BENCHMARK = """### The gaze benchmark, test and unseen together

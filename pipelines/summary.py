@@ -15,8 +15,8 @@ from pathlib import Path
 
 from pipelines.report import INTRODUCTION, Results, flat_metrics
 from talkingeyes.core.errors import InputError
-from talkingeyes.evaluation.paper_metrics.report_summary import summary_table
-from talkingeyes.evaluation.paper_metrics.table3 import order_rows
+from talkingeyes.evaluation.papers.table3 import order_rows
+from talkingeyes.evaluation.report.requirements import summary_table
 from talkingeyes.orchestration.run import MethodResult, Report, Workspace, run_command, run_stage
 
 LOG = "--log"

@@ -36,7 +36,6 @@ from talkingeyes.corpus.recordings import Recording, Recordings
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.sound_groups import SoundGroup, group_sounds
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.evaluation.benchmark.corr import CRITICS, SHUFFLED_SOUNDS, CorrScores, corr_scores
 from talkingeyes.evaluation.benchmark.paired import (
     BenchmarkTable,
     PairedAccumulator,
@@ -46,9 +45,11 @@ from talkingeyes.evaluation.benchmark.paired import (
     sample_behaviours,
     sound_statistics,
 )
-from talkingeyes.evaluation.critic.evaluators import Evaluators
-from talkingeyes.evaluation.model_selection.information import mean_log_likelihood
-from talkingeyes.evaluation.model_selection.validation_metrics import (
+from talkingeyes.evaluation.measures.corr import CRITICS, SHUFFLED_SOUNDS, CorrScores, corr_scores
+from talkingeyes.evaluation.measures.evaluators import Evaluators
+from talkingeyes.evaluation.papers.talkingeyes_metrics import diversity
+from talkingeyes.evaluation.report.information import mean_log_likelihood
+from talkingeyes.evaluation.report.validation_metrics import (
     DynamicsDistances,
     MotionDynamics,
     ValidateSettings,
@@ -56,7 +57,6 @@ from talkingeyes.evaluation.model_selection.validation_metrics import (
     motion_distance,
     speed_margins,
 )
-from talkingeyes.evaluation.paper_metrics.l2_diversity import diversity
 from talkingeyes.orchestration.run import InputPaths, Report, Workspace, main, parallel_map
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
 from talkingeyes.training.motion_generators import (

@@ -49,7 +49,7 @@ SUBSTITUTIONS = [
         rf" {FEW.format('pretrain.gaze_literal')} {FEW.format(FINE_TUNED)} {FINE_TUNED}.validation_clips=2",
     ),
     (r"^(python -m pipelines\.experiment .*\bobjective\.metrics=.*)", r"\1 objective.model=talkingeyes_events"),
-    (r"^(python -m benchmarks\.detectors)$", r"\1 4"),
+    (r"^(python -m pipelines\.results\.detectors)$", r"\1 4"),
 ]
 # A server with a port is used by the next lines and ended by them; `make ui` gives MLflow its port. `view --page` ends.
 SERVERS = r"^(talkingeyes (view|serve|study run)\b(?!.*--(port|page))|mlflow ui\b)"

@@ -8,13 +8,8 @@ import numpy as np
 import pytest
 
 from talkingeyes.audio.annotation import Annotation, Span
-from talkingeyes.evaluation.benchmark.aversion_information import (
-    SoundAversion,
-    aversion_information,
-    changes_per_s,
-    speech_events,
-)
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.report.information import SoundAversion, aversion_information, changes_per_s, speech_events
 
 BINS, BIN_S = 125, 0.08
 BOOTSTRAP = BootstrapSettings(n_resamples=200, confidence_level=0.95, seed=0)

@@ -11,20 +11,19 @@ import pytest
 from toy_people import ANNOTATION, ToyPerson, people
 
 from pipelines.report import learnt_counts
+from pipelines.results.benchmark_page import metrics_csv, page
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.benchmark import comparison as tallies
-from talkingeyes.evaluation.benchmark import partner_gaze
-from talkingeyes.evaluation.benchmark.behaviour import behaviour, with_references
 from talkingeyes.evaluation.benchmark.comparison import Accumulator, Comparison, bootstrap_weights, extract
-from talkingeyes.evaluation.benchmark.document import VERSION
-from talkingeyes.evaluation.benchmark.metric import Bins
 from talkingeyes.evaluation.benchmark.metric_class import ORIGINS, class_of, code_of, count_learnt
-from talkingeyes.evaluation.benchmark.page import metrics_csv, page
-from talkingeyes.evaluation.benchmark.registry import METRICS
+from talkingeyes.evaluation.benchmark.registry import METRICS, VERSION
 from talkingeyes.evaluation.benchmark.table import as_json, as_text, from_json, markdown, to_csv
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, resample_indices
+from talkingeyes.evaluation.detectors.behaviour import behaviour, with_references
+from talkingeyes.evaluation.measures import partner_gaze
+from talkingeyes.evaluation.measures.metric import Bins
 from talkingeyes.models.gaze.saccade_rendering import eyes_towards, render_saccades
 from talkingeyes.physiology.saccades import peak_speed
 

@@ -89,7 +89,8 @@ def contact(animation: Animation, state: str) -> float:
 @pytest.mark.long
 def test_each_state_looks_at_the_partner_as_much_as_people_do(made, plain):
     found = {state: [contact(each, state) for each in made] for state in STATES}
-    # Listening: 0.95 (Lee, Badler & Badler 2002), 0.91 (recorded people, docs/people.md), 0.96 (mean aversion 4 %).
+    # Listening: 0.95 (Lee, Badler & Badler 2002), 0.91 (recorded people, docs/results/people.md), 0.96 (mean aversion
+    # 4 %).
     assert 0.91 <= np.mean(found["listening"]) <= 0.99 and min(found["listening"]) >= 0.85
     # Thinking: 0.20 (Kendon 1967, hesitant speech). Idle: 0.61 (Argyle & Ingham 1972, all of a conversation).
     assert 0.15 <= np.mean(found["thinking"]) <= 0.32 and max(found["thinking"]) <= 0.40

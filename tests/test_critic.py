@@ -10,15 +10,16 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.recordings import Recording
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.critic.contrastive_training import (
+from talkingeyes.evaluation.measures.critic import (
     ChannelSelection,
     ContrastiveTask,
+    CriticCorrelation,
     CriticSettings,
+    auc,
     new_critic,
     split_speakers,
 )
-from talkingeyes.evaluation.distribution.encoder import EncoderSettings
-from talkingeyes.evaluation.paper_metrics.corr import CriticCorrelation, auc
+from talkingeyes.evaluation.measures.motion_encoder import EncoderSettings
 from talkingeyes.models.contrastive_critic import CRITIC_PARTS, Critic, CriticNetworkSettings, part_angles, similarity
 from talkingeyes.orchestration.config import compose
 from talkingeyes.training.loop import LoopSettings, train

@@ -31,7 +31,7 @@ CODE = re.compile(r"^ *```.*?^ *```|`[^`\n]+`|https?://\S+", re.MULTILINE | re.D
 INLINE_COMMAND = re.compile(r"`((?:python -m|make) [^`\n]+)`")  # other programs are mentioned without their arguments
 BARE_DECIMAL = re.compile(r"(?<![\w.])\.\d+\b")
 # Every page but the log.
-RECORDS = ("README.md", "docs/log", "docs/releases.md")  # the log and the releases grow
+RECORDS = ("README.md", "docs/log", "docs/results/releases.md")  # the log and the releases grow
 MANUAL = [page for page in PAGES if not name_of(page).startswith(RECORDS)]
 # Words of ours without a plain English use in these pages, each for a term of the field (conditioned on, discriminator,
 # free-running statistics, GPU, unconditional, ...).

@@ -34,7 +34,7 @@ ELSEWHERE = {
     "cp docs/recipes/{vrm_live,talkinghead_live}.html docs/recipes/{live_avatar,stream_client}.js AVATAR.vrm "
     "AVATAR.glb . && python3 -m http.server -b 127.0.0.1": "avatars, not part of the project (test_live_pages.py)",
     "talkingeyes track me.mp4 -o data/me": "a video of one person",
-    "python -m pipelines.own_person data/me": "a video of one person (a synthetic person: test_own_person.py)",
+    "python -m pipelines.results.own_person data/me": "a video of one person (a synthetic person: test_own_person.py)",
     "talkingeyes animate speech.wav --model build/own_person/data/train/own_person -o build/me": "the same",
     "python docs/recipes/vtube_studio_stream.py take/sample_00.npz": "VTube Studio",
     "python local_viewer.py --point_path AVATAR/point_cloud.ply --motion_path motion.npz": "GaussianAvatars",

@@ -13,10 +13,10 @@ from toy_workspace import FRAMES, toy_workspace
 from pipelines import critic, evaluate
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.evaluation.benchmark.corr import CorrScores
-from talkingeyes.evaluation.benchmark.document import VERSION, json_schema
+from talkingeyes.evaluation.benchmark.registry import VERSION, json_schema
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.paper_metrics.summary import EvaluationCase, clip_metrics, summarise
+from talkingeyes.evaluation.measures.corr import CorrScores
+from talkingeyes.evaluation.papers.talkingeyes_metrics import EvaluationCase, clip_metrics, summarise
 from talkingeyes.models.contrastive_critic import CRITIC_PARTS
 from talkingeyes.workflows.evaluate import evaluate as compare
 

@@ -19,7 +19,7 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.motion_files import clip_id_of, read_motions
 from talkingeyes.corpus.store import Corpus, make_shard_path
-from talkingeyes.evaluation.benchmark.document import VERSION, json_schema
+from talkingeyes.evaluation.benchmark.registry import VERSION, json_schema
 from talkingeyes.workflows.convert import export
 from talkingeyes.workflows.evaluate import benchmark_text, evaluate
 

@@ -10,12 +10,19 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.face import surface as surfaces
-from talkingeyes.evaluation.face.articulation import articulation, best_correlation
-from talkingeyes.evaluation.face.emotion import EmotionClassifier, balanced_accuracy, emotion_features
-from talkingeyes.evaluation.face.summary import FaceCase, crop_faces, face_metrics, summarise_face
-from talkingeyes.evaluation.face.surface import FaceSurface
-from talkingeyes.evaluation.face.vertices import DynamicsAccumulator, split_half_diversity, vertex_errors
+from talkingeyes.evaluation.papers import probtalk3d_surface as surfaces
+from talkingeyes.evaluation.papers.probtalk3d_articulation import articulation, best_correlation
+from talkingeyes.evaluation.papers.probtalk3d_metrics import (
+    EmotionClassifier,
+    FaceCase,
+    balanced_accuracy,
+    crop_faces,
+    emotion_features,
+    face_metrics,
+    summarise_face,
+)
+from talkingeyes.evaluation.papers.probtalk3d_surface import FaceSurface
+from talkingeyes.evaluation.papers.probtalk3d_vertices import DynamicsAccumulator, split_half_diversity, vertex_errors
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.model import Landmarks
 from talkingeyes.head.posing import expression_shape_names, motion_to_pose

@@ -11,19 +11,18 @@ from toy_workspace import FPS, FRAMES, toy_workspace
 
 from pipelines import evaluate
 from pipelines.evaluate_face import measure_faces, stack_faces
-from pipelines.face_rows import FaceRow, measure, measured_row, read_rows, write_row
-from pipelines.face_table import document, options, summarise, syllable_times_s
-from pipelines.table_runs import METRICS_FILE, SEEDS, RowResult
+from pipelines.results.face_rows import FaceRow, measure, measured_row, read_rows, write_row
+from pipelines.results.face_table import document, options, summarise, syllable_times_s
+from pipelines.results.table_runs import METRICS_FILE, SEEDS, RowResult
 from talkingeyes.audio.annotation import Annotation, Phoneme
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.face.pictures import LABEL_PX, frame_sheet, heat_colours, heat_map
-from talkingeyes.evaluation.face.summary import paired_differences, summarise_face, summarise_seeds
-from talkingeyes.evaluation.face.surface import FaceSurface
-from talkingeyes.evaluation.face.table import face_markdown
+from talkingeyes.evaluation.papers.probtalk3d_metrics import paired_differences, summarise_face, summarise_seeds
+from talkingeyes.evaluation.papers.probtalk3d_surface import FaceSurface
+from talkingeyes.evaluation.papers.probtalk3d_table import LABEL_PX, face_markdown, frame_sheet, heat_colours, heat_map
 from talkingeyes.head.anny import anny_head
 from talkingeyes.orchestration.stage_graph import StageCall
 
@@ -177,7 +176,9 @@ def test_rows_of_several_runs_make_one_page(workspace, tmp_path):
     with pytest.raises(InputError, match=r"probtalk3d-0.json: should have configuration c1, got c0; remove the file"):
         read_rows(tmp_path, {"probtalk3d": "c1"})
     (tmp_path / "other.json").write_text("[]")
-    with pytest.raises(InputError, match=r"other.json: should be a result of pipelines.face_table, got TypeError"):
+    with pytest.raises(
+        InputError, match=r"other.json: should be a result of pipelines.results.face_table, got TypeError"
+    ):
         read_rows(tmp_path)
 
 

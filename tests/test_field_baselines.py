@@ -10,7 +10,7 @@ import pytest
 from toy_workspace import toy_workspace
 
 from pipelines import critic, evaluate
-from pipelines.field_baselines import (
+from pipelines.results.field_baselines import (
     DEFAULT,
     FARTHER,
     NEARER,
@@ -22,7 +22,7 @@ from pipelines.field_baselines import (
     page,
     verdict,
 )
-from pipelines.field_generators import (
+from pipelines.results.field_generators import (
     AT_PARTNER,
     GENERATORS,
     FieldSound,
@@ -172,7 +172,7 @@ def test_an_unfinished_chain_is_named(tmp_path):
 
 
 def test_committed_baselines_fail_the_requirements_by_their_intervals(request):
-    found = json.loads((request.config.rootpath / "docs/field_baselines.json").read_text())["requirements"]
+    found = json.loads((request.config.rootpath / "data/results/field_baselines.json").read_text())["requirements"]
     ours = sum(row["met"] for row in found[DEFAULT])
     for name in GENERATORS:
         assert sum(row["met"] for row in found[name]) < ours / 2

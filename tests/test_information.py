@@ -13,8 +13,8 @@ from test_point_process import made
 
 from pipelines import validate
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.model_selection.information import ClipLikelihood, information, information_table
-from talkingeyes.evaluation.model_selection.validation_metrics import SelectionMetric
+from talkingeyes.evaluation.report.information import ClipLikelihood, information, information_table
+from talkingeyes.evaluation.report.validation_metrics import SelectionMetric
 from talkingeyes.models.layers.point_process import EventSequence, PointProcess
 from talkingeyes.orchestration.run import Workspace
 

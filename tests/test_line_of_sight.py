@@ -327,7 +327,7 @@ def test_eyes_of_an_animation_converge(tmp_path: Path) -> None:
         assert apart[-1] == pytest.approx(-np.degrees(vergence), abs=1e-4)
     nearest = np.degrees(2 * np.arctan(HALF_INTERPUPILLARY_M / 0.6))
     assert -nearest < min(apart) <= max(apart) < 0.0  # never wall-eyed, nor crossed nearer than 0.6 m
-    assert -4.0 < np.mean(apart) < -1.5  # at a partner 1 m away: docs/reference_ranges.md
+    assert -4.0 < np.mean(apart) < -1.5  # at a partner 1 m away: docs/results/reference_ranges.md
 
 
 PUPIL_MOST = 120  # sum of the colours of a dark pixel

@@ -16,7 +16,7 @@ from talkingeyes.evaluation.bootstrap import (
     quantile_statistic,
     ratio_statistic,
 )
-from talkingeyes.evaluation.paper_metrics.l2_diversity import distance, diversity, l2_error
+from talkingeyes.evaluation.papers.talkingeyes_metrics import distance, diversity, l2_error
 
 SETTINGS = BootstrapSettings(n_resamples=400, confidence_level=0.95, seed=3)
 

@@ -8,7 +8,7 @@ import json
 import pytest
 from toy_config import PARAMS, mlflow_client
 
-from talkingeyes.evaluation.benchmark.corr import CRITICS
+from talkingeyes.evaluation.measures.corr import CRITICS
 from talkingeyes.orchestration.mlflow_logging import (
     MethodResult,
     Report,

@@ -16,8 +16,6 @@ from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.evaluation.benchmark.corr import CRITICS, corr_scores
-from talkingeyes.evaluation.benchmark.document import VERSION
 from talkingeyes.evaluation.benchmark.metric_class import LEARNT, class_of
 from talkingeyes.evaluation.benchmark.paired import (
     PairedAccumulator,
@@ -26,8 +24,10 @@ from talkingeyes.evaluation.benchmark.paired import (
     sample_behaviours,
     sound_statistics,
 )
+from talkingeyes.evaluation.benchmark.registry import VERSION
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.model_selection.validation_metrics import SelectionMetric, ValidateSettings
+from talkingeyes.evaluation.measures.corr import CRITICS, corr_scores
+from talkingeyes.evaluation.report.validation_metrics import SelectionMetric, ValidateSettings
 from talkingeyes.orchestration.run import Workspace
 
 BOOTSTRAP = BootstrapSettings(n_resamples=50, confidence_level=0.95, seed=0)

@@ -11,13 +11,13 @@ from toy import recordings
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.rotation import eye_in_head, gaze_in_space
-from talkingeyes.evaluation.distribution.encoder import (
+from talkingeyes.evaluation.measures.distribution import Gaussian, frechet
+from talkingeyes.evaluation.measures.motion_encoder import (
     CHECKPOINT_NAME,
     EncoderSettings,
     MotionEncoder,
     fit_motion_encoder,
 )
-from talkingeyes.evaluation.distribution.frechet import Gaussian, frechet
 from talkingeyes.models.motion_autoencoder import MotionAutoencoderSettings, window_features
 from talkingeyes.training.checkpoint import save
 from talkingeyes.training.loop import LoopSettings

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from talkingeyes.corpus.splits import split_in_time
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.head_pose.own_person import ClipStyle, compare_styles
+from talkingeyes.evaluation.papers.posegan_movement import ClipStyle, compare_styles
 
 SETTINGS = BootstrapSettings(n_resamples=50, confidence_level=0.95, seed=0)
 SHORT = ("loop.steps=4", "loop.validate_every=4", "loop.batch=4", "validation_clips=2")
@@ -67,7 +67,7 @@ def person(tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "pipelines.own_person", *arguments],
+        [sys.executable, "-m", "pipelines.results.own_person", *arguments],
         cwd=Path(__file__).parents[1],
         capture_output=True,
         text=True,

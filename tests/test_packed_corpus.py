@@ -17,7 +17,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.packed import EVALUATORS, PACKAGED, STEP, pack_corpus, unpack_corpus
 from talkingeyes.corpus.store import Corpus, shard_path
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[1] / "docs/results"
 
 
 @pytest.fixture(scope="module")

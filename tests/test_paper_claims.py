@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
-from pipelines import table_runs, tables
+from pipelines.results import table_runs, tables
+from pipelines.results.tables_page import as_json
 from talkingeyes.core.errors import InputError
-from talkingeyes.evaluation.intervals import TableEstimate
-from talkingeyes.evaluation.tables import claims
-from talkingeyes.evaluation.tables.claims import CLAIMS, Claim, Verdict, judge
-from talkingeyes.evaluation.tables.definitions import FAMILIES, PRINTED, SEQUENCE, TABLES
-from talkingeyes.evaluation.tables.page import as_json
-from talkingeyes.evaluation.tables.seed_result import SeedResult, SplitResult, from_json, to_json
+from talkingeyes.evaluation.bootstrap import TableEstimate
+from talkingeyes.evaluation.papers import talkingeyes_claims as claims
+from talkingeyes.evaluation.papers.talkingeyes_claims import CLAIMS, Claim, Verdict, judge
+from talkingeyes.evaluation.papers.talkingeyes_results import SeedResult, SplitResult, from_json, to_json
+from talkingeyes.evaluation.papers.talkingeyes_tables import FAMILIES, PRINTED, SEQUENCE, TABLES
 from talkingeyes.orchestration.run import run_command
 
 STILL = "gaze/still_fraction"

@@ -17,9 +17,7 @@ from talkingeyes.corpus.gaze_datasets import CONVERSATION_CM, CONVERSATION_CM_PE
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.people.baselines import HALF_RANGE_DEG, uniform_gaze_deg
 from talkingeyes.evaluation.people.comparison import compare_with_people, state_table
-from talkingeyes.evaluation.people.distance import measure_distance, measure_floor, people_values
 from talkingeyes.evaluation.people.fixations import (
     VALIDATION_PEOPLE,
     FixationRecord,
@@ -29,8 +27,17 @@ from talkingeyes.evaluation.people.fixations import (
     split_people,
 )
 from talkingeyes.evaluation.people.likelihood import EmpiricalHistogram, PoissonGaussian, Shifts, score
-from talkingeyes.evaluation.people.measures import LONGEST_S, MEASURES, measure_person, restricted_mean_s
+from talkingeyes.evaluation.people.measures import (
+    LONGEST_S,
+    MEASURES,
+    measure_distance,
+    measure_floor,
+    measure_person,
+    people_values,
+    restricted_mean_s,
+)
 from talkingeyes.evaluation.people.tracker import (
+    HALF_RANGE_DEG,
     TRACKER,
     GazeClip,
     Samples,
@@ -39,6 +46,7 @@ from talkingeyes.evaluation.people.tracker import (
     record_again,
     record_person,
     track,
+    uniform_gaze_deg,
 )
 from talkingeyes.evaluation.people.two_sample import Sequences, reference_auc, sequences_of, two_sample_auc
 from talkingeyes.physiology.gaze_population import STATES
@@ -409,7 +417,7 @@ def test_command_needs_no_torch(corpus, table):
 
 def test_uniform_eyes_are_far_from_the_figures_of_recorded_people(request):
     """With the aggregate figures of the twelve people, which the repository holds."""
-    content = json.loads((request.config.rootpath / "docs/people.json").read_text())
+    content = json.loads((request.config.rootpath / "docs/results/people.json").read_text())
     rng, count = np.random.default_rng(3), 25 * 600
     state = (np.arange(count) >= count / 2).astype(int)
     clip = GazeClip(25.0, uniform_gaze_deg(count, 25.0, rng), state, np.zeros(count, bool))
@@ -426,7 +434,7 @@ def test_recorded_people_are_twelve_and_four_are_kept_for_validation(request):
         pytest.skip("no real recordings here")
     train, validation = split_people(read_people(path))
     assert len(train) == 8 and tuple(each.name for each in validation) == VALIDATION_PEOPLE
-    content = json.loads((request.config.rootpath / "docs/people.json").read_text())
+    content = json.loads((request.config.rootpath / "docs/results/people.json").read_text())
     for state in STATES:
         figures = content["states"][state]["people"]["measures"]
         found = people_values([*train, *validation], state).medians

@@ -11,7 +11,7 @@ import torch
 from model_conf import model_section
 from toy import clip
 
-from pipelines.talking_face import talking_face
+from pipelines.results.talking_face import talking_face
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
@@ -24,15 +24,21 @@ from talkingeyes.corpus.poses import (
     to_poses,
 )
 from talkingeyes.corpus.recordings import Normaliser
-from talkingeyes.evaluation.head_pose.classifier import (
+from talkingeyes.evaluation.papers.posegan_classifiers import (
     ClassifierSettings,
     LabelledWindows,
+    PoseWindows,
+    SVMSettings,
+    acceptance_rates,
     blend_styles,
     classifier_scores,
+    correlations,
+    pose_windows,
+    sliding_windows,
     train_classifier,
 )
-from talkingeyes.evaluation.head_pose.evaluation import _reference_free_metrics
-from talkingeyes.evaluation.head_pose.movement import (
+from talkingeyes.evaluation.papers.posegan_metrics import _reference_free_metrics
+from talkingeyes.evaluation.papers.posegan_movement import (
     clip_difference,
     distances,
     jitter,
@@ -40,8 +46,6 @@ from talkingeyes.evaluation.head_pose.movement import (
     seam_speed_ratio,
     style_distance,
 )
-from talkingeyes.evaluation.head_pose.one_class_svm import SVMSettings, acceptance_rates, correlations
-from talkingeyes.evaluation.head_pose.windows import PoseWindows, pose_windows, sliding_windows
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.sag import FaceSurface
@@ -352,7 +356,7 @@ class TestSeams:
         assert found == pytest.approx((jump + 0.01) / 0.01, rel=1e-3)
 
     def test_windows_that_share_no_frame_are_measured_at_their_joins(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr("talkingeyes.evaluation.head_pose.evaluation.WINDOW_FRAMES", 64)
+        monkeypatch.setattr("talkingeyes.evaluation.papers.posegan_metrics.WINDOW_FRAMES", 64)
         network = task("head_random").module
         slow = 0.01 * torch.arange(64)[:, None].expand(64, 6)
         network.head.set_training_windows(torch.stack([slow, slow]), torch.zeros(2, 2 * CHANNELS))
@@ -504,7 +508,7 @@ class TestPGFace:
 
 
 def test_the_experiment_composes_and_its_heads_are_those_of_the_tables() -> None:
-    from pipelines.posegan_table import ABLATIONS, GAZE
+    from pipelines.results.posegan_table import ABLATIONS, GAZE
 
     models = compose(["experiment=posegan"])["model"]
     assert {*HEADS, *ABLATIONS, *GAZE, "pgface", "talkingeyes_events"} <= set(models)
@@ -520,7 +524,7 @@ class TestTables:
     """From evaluation to the page."""
 
     def test_new_people_are_measured_by_style_and_language(self) -> None:
-        from talkingeyes.evaluation.head_pose.evaluation import _languages, _transfer
+        from talkingeyes.evaluation.papers.posegan_metrics import _languages, _transfer
 
         made = task("posegan").module
         people = [recordings(300, 4)[index::2] for index in (0, 1)]
@@ -539,7 +543,7 @@ class TestTables:
         assert 0 <= np.nanmean(languages["en"]["confidence"]) <= 1
 
     def test_page_has_all_tables_with_published_values(self) -> None:
-        from talkingeyes.evaluation.head_pose.page import page
+        from pipelines.results.posegan_page import page
 
         row = {
             "l2_pose": 1.0, "l2_motion": 0.1, "confidence": [0.25, 0.75], "accuracy": [0.0, 1.0], "range": 1.0,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from pipelines.result_tables import read_tables
+from pipelines.results.result_tables import read_tables
 from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL
 from talkingeyes.core.motion import Motion
 from talkingeyes.workflows.serve import find_live_model
@@ -51,7 +51,7 @@ def test_figures_are_those_of_the_report(lines: list[str], repository: Path) -> 
 
 
 def test_figures_of_the_release_are_those_of_its_report(lines: list[str], repository: Path) -> None:
-    newest = (repository / "docs" / "releases.md").read_text().split("\n## ")[-1]
+    newest = (repository / "docs/results/releases.md").read_text().split("\n## ")[-1]
     tables = read_tables(newest)
     timing, required = tables["Averted gaze around events of speech"], tables["Requirements"]
 

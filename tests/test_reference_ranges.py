@@ -6,34 +6,24 @@ import numpy as np
 import pytest
 from toy_people import people
 
-from pipelines import reference_ranges, regenerated_takes
+from pipelines.results import reference_ranges, regenerated_takes
+from pipelines.results import reference_ranges_page as page
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Blink, Events, HeadMovement, Motion, Saccade
-from talkingeyes.evaluation.benchmark.behaviour import behaviour
-from talkingeyes.evaluation.reference_ranges import (
-    blinks,
-    eyes,
-    face,
-    head,
-    measurements,
-    page,
-    partner_gaze,
-    probes,
-    saccades,
-)
-from talkingeyes.evaluation.reference_ranges.clip_data import (
+from talkingeyes.evaluation.detectors.behaviour import behaviour
+from talkingeyes.evaluation.measures import blinks, eye_head, lids_and_jaw, movement, partner_gaze, saccades
+from talkingeyes.evaluation.measures.pooled import (
     ClipData,
     FrameProsody,
     Measurement,
-    benchmark_metric,
-    benchmark_sums,
     join_pools,
     measurement,
     no_measurement,
 )
-from talkingeyes.evaluation.reference_ranges.clip_data import speaking_turns as turns
+from talkingeyes.evaluation.measures.pooled import speaking_turns as turns
+from talkingeyes.evaluation.reference_ranges import measurements, probes
 from talkingeyes.evaluation.reference_ranges.ranges import RANGES_BY_SECTION, REFERENCE_RANGES
 from talkingeyes.physiology import saccades as main_sequence_model
 from talkingeyes.physiology.blinks import blink_closure
@@ -97,11 +87,11 @@ def test_rendered_saccades_follow_the_main_sequence():
 
 
 def test_too_few_events_are_reported():
-    pool = saccades.extract(saccading(25.0, 0))
+    pool = saccades.extract_pool(saccading(25.0, 0))
     found = saccades.fraction_below(pool, 5.0)
     assert found.value is None and found.reason == "too few saccades: got 10, needs 100"
     assert measurement(np.nan, 5, "things").reason == "undefined"
-    assert benchmark_metric({}, "head/sd_yaw").reason == "no head"
+    assert measurements.benchmark_metric({}, "head/sd_yaw").reason == "no head"
 
 
 def test_head_follows_after_the_eyes():
@@ -109,7 +99,7 @@ def test_head_follows_after_the_eyes():
         saccades=(Saccade(1.0, 0.05, (0.0, 0.0), (0.3, 0.0), 0.4), Saccade(3.0, 0.05, (0.3, 0.0), (0.0, 0.0), 0.4)),
         head_movements=(HeadMovement(1.03, 0.5, (0.0, 0.1, 0.0)), HeadMovement(3.02, 0.5, (0.1, 0.0, 0.0))),
     )
-    pool = eyes.extract_events(events)
+    pool = eye_head.extract_events(events)
     assert pool["lag.s"] == pytest.approx([0.03])  # the second has another direction
 
 
@@ -122,11 +112,11 @@ def test_head_contribution_and_vergence():
     both[:, 0, 0] += np.radians(-1.0)
     both[:, 1, 0] += np.radians(1.0)
     gaze = rotation.eye_in_head(heads, both)
-    pool = eyes.extract(behaviour(25.0, {"head": heads, "gaze": gaze}), np.radians(0.5))
+    pool = eye_head.extract_pool(behaviour(25.0, {"head": heads, "gaze": gaze}), np.radians(0.5))
     assert pool["shift.eccentricity_deg"] == pytest.approx([20], abs=0.2)
     assert pool["shift.head_deg"] == pytest.approx([10], abs=0.2)
-    assert eyes.vergence_deg(pool).value == pytest.approx(2.5, abs=0.05)
-    assert eyes.within_motor_range(pool).value == 100.0
+    assert eye_head.vergence_deg(pool).value == pytest.approx(2.5, abs=0.05)
+    assert eye_head.within_motor_range(pool).value == 100.0
 
 
 def test_truncated_dwells_are_censored():
@@ -141,7 +131,7 @@ def test_looking_at_utterances():
     times = np.arange(500) / 25
     yaw = np.where((times > 4.2) & (times < 6) | (times > 11.0) & (times < 13), 12.0, 0.0)
     annotation = Annotation(speaking=(Span(5.0, 9.0), Span(12.0, 15.0)), listening=(Span(9.5, 11.5),))
-    pool = partner_gaze.extract("a", space(yaw), annotation)
+    pool = partner_gaze.extract_pool("a", space(yaw), annotation)
     assert pool["utterance.start_averted"].tolist() == [1, 1] and pool["utterance.end_averted"].tolist() == [0, 0]
     assert pool["aversion.before_onset_s"] == pytest.approx([-0.8, -1.0], abs=0.09)
     looked, listened = pool["look.listening_s"][0]
@@ -157,12 +147,12 @@ def test_head_and_prosody():
     gaze = rotation.eye_in_head(heads, np.zeros((400, 2, 2)))
     seen = behaviour(25.0, {"head": heads, "gaze": gaze})
     frame_prosody = FrameProsody(10 * level - 40, np.full(400, np.nan))
-    pool = head.extract(seen, Annotation(speaking=(Span(0.0, 16.0),)), frame_prosody)
+    pool = movement.extract_pool(seen, Annotation(speaking=(Span(0.0, 16.0),)), frame_prosody)
     true = np.corrcoef(pitch, level)[0, 1]
     products = join_pools([pool] * 4)
-    assert head.frame_correlation(products).value == pytest.approx(abs(true), abs=0.01)
+    assert movement.frame_correlation(products).value == pytest.approx(abs(true), abs=0.01)
     assert true < pool["cca.r"][0] < 0.8
-    assert head.canonical_correlation(heads, heads[:, :1]) == pytest.approx(1.0)
+    assert movement.canonical_correlation(heads, heads[:, :1]) == pytest.approx(1.0)
 
 
 def blinking(fps, onsets):
@@ -182,7 +172,7 @@ def test_blink_kinematics_are_measured():
 
 def test_blinks_at_the_ends_of_phrases_and_over_people():
     annotation = Annotation(speaking=(Span(1.0, 9.0), Span(10.0, 19.0)))
-    pool = join_pools(blinks.extract(f"{n}", blinking(25.0, [4.0, 9.1, 9.4, 19.2]), annotation) for n in range(20))
+    pool = join_pools(blinks.extract_pool(f"{n}", blinking(25.0, [4.0, 9.1, 9.4, 19.2]), annotation) for n in range(20))
     near, near_s, amid, amid_s = pool["phrase.counts"].sum(axis=0)
     assert (near, amid) == (60, 20) and near_s == pytest.approx(40, abs=2) and amid_s == pytest.approx(320, abs=2)
     assert blinks.phrase_end_ratio(pool).value == pytest.approx((60 / near_s) / (20 / amid_s))
@@ -201,10 +191,10 @@ def test_lids_that_follow_gaze():
         "lid.angles_rad": angles,
         "lid.height_deg": np.where(pitch < 0, 1.0, 0.8) * pitch + np.repeat([3.0, -3.0], 500),
     }
-    gains = face.lid_gains(pool)
+    gains = lids_and_jaw.lid_gains(pool)
     assert gains["lid_down"].value == pytest.approx(1.0) and gains["lid_up"].value == pytest.approx(0.8)
-    assert 0.95 < face.lid_r_squared(pool).value < 1.0
-    assert face.eye_aspect_ratio(1.0) < 0.12 and face.eye_aspect_ratio(0.0) > 0.25
+    assert 0.95 < lids_and_jaw.lid_r_squared(pool).value < 1.0
+    assert lids_and_jaw.eye_aspect_ratio(1.0) < 0.12 and lids_and_jaw.eye_aspect_ratio(0.0) > 0.25
 
 
 def test_jaw_that_follows_the_envelope():
@@ -215,10 +205,12 @@ def test_jaw_that_follows_the_envelope():
     )
     seen = behaviour(25.0, {"head": motion.head, "gaze": motion.gaze})
     frame_prosody = FrameProsody(20 * np.log10(np.roll(opening, 1) + 0.01), np.full(500, np.nan))
-    pool = join_pools([face.extract_jaw(motion, seen, Annotation(speaking=(Span(0.0, 20.0),)), frame_prosody)] * 6)
-    assert face.jaw_envelope(pool).value == pytest.approx(1.0, abs=1e-2)
-    assert face.jaw_peak_hz(pool).value == pytest.approx(4.3, abs=0.1)
-    assert face.jaw_opening_p95(pool).value == pytest.approx(0.2, abs=0.005)
+    pool = join_pools(
+        [lids_and_jaw.extract_jaw(motion, seen, Annotation(speaking=(Span(0.0, 20.0),)), frame_prosody)] * 6
+    )
+    assert lids_and_jaw.jaw_envelope(pool).value == pytest.approx(1.0, abs=1e-2)
+    assert lids_and_jaw.jaw_peak_hz(pool).value == pytest.approx(4.3, abs=0.1)
+    assert lids_and_jaw.jaw_opening_p95(pool).value == pytest.approx(0.2, abs=0.005)
 
 
 def test_probes_detect_predictable_targets():
@@ -262,7 +254,9 @@ def test_style_icc_increases_with_differences_between_people():
 
 def test_extract_gives_the_sums_of_the_benchmark():
     pool = join_pools(measurements.extract(ClipData("a", one.at())) for one in people(8))
-    assert pool["head.frames"].sum() == sum(benchmark_sums(one.at())["head.frames"][0] for one in people(8))
+    assert pool["head.frames"].sum() == sum(
+        measurements.benchmark_sums(one.at())["head.frames"][0] for one in people(8)
+    )
     found = measurements.measure_gaze(pool)
     assert found["vor_yaw"].value == pytest.approx(-1.0, abs=0.05) and found["torsion"].value < 1e-6
 
@@ -311,8 +305,8 @@ def test_a_corpus_without_features_and_fit(tiny, monkeypatch, capsys):
         "reference_ranges.csv",
         *(f"pictures/reference-ranges-{each}.png" for each in ("main-sequence", "distributions", "timeline")),
     ):
-        assert (tiny / "docs" / name).stat().st_size > 1000
-    assert str(tiny) not in (tiny / "docs/reference_ranges.md").read_text()
+        assert (tiny / "docs/results" / name).stat().st_size > 1000
+    assert str(tiny) not in (tiny / "docs/results/reference_ranges.md").read_text()
 
 
 def test_take_of_another_corpus_is_an_error(tiny):

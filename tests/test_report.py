@@ -15,14 +15,14 @@ from toy_workspace import toy_workspace
 from pipelines import critic, evaluate, report, summary
 from pipelines.report import VALIDATION_DISTANCES, VALIDATION_TIES
 from talkingeyes.core.errors import InputError
-from talkingeyes.evaluation.paper_metrics.requirements import (
+from talkingeyes.evaluation.papers.table3 import INTERVALS, markdown
+from talkingeyes.evaluation.report.requirements import (
     Requirement,
     critic_requirements,
     face_requirements,
     model_requirements,
     requirements_table,
 )
-from talkingeyes.evaluation.paper_metrics.table3 import INTERVALS, markdown
 
 ROWS = ("truth", "fitted", "mismatched", "mean", "random")
 

@@ -12,23 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipelines import (
-    face_table,
-    field_baselines,
-    people,
-    posegan_table,
-    reference_ranges,
-    tables,
-)
-from pipelines.face_rows import read_rows
-from pipelines.result_tables import ResultTable, as_csv, read_tables
+from pipelines.results import face_table, field_baselines, people, posegan_table, reference_ranges, tables
+from pipelines.results.face_rows import read_rows
+from pipelines.results.reference_ranges_page import PLOT_CAPTIONS, RECORDING_TITLES, label
+from pipelines.results.result_tables import ResultTable, as_csv, read_tables
+from pipelines.results.tables_page import as_json
 from talkingeyes.animation.model_file import PACKAGED_MODELS
-from talkingeyes.evaluation.reference_ranges.page import PLOT_CAPTIONS, RECORDING_TITLES, label
+from talkingeyes.evaluation.benchmark.corruptions import CORRUPTIONS
 from talkingeyes.evaluation.reference_ranges.ranges import REFERENCE_RANGES
-from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS
-from talkingeyes.evaluation.tables.page import as_json
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[1] / "docs/results"
 
 
 def numbers(name: str) -> Any:
@@ -59,11 +52,11 @@ def test_page_of_faces() -> None:
 
 
 def test_page_of_face_models_has_the_figures_of_the_report() -> None:
-    report = json.loads((DOCS.parent / "data" / "report" / "metrics.json").read_text())["probtalk3d"]
+    report = json.loads((DOCS.parents[1] / "data" / "report" / "metrics.json").read_text())["probtalk3d"]
     for split in ("test", "unseen"):
         face = report[split]["face"]
         cells = [f"{face[key]:.2f}" for key in ("emotion_accuracy", "bilabials_closed", "mve")]
-        assert f"| {' | '.join([split, *cells])} |" in page("face_models")
+        assert f"| {' | '.join([split, *cells])} |" in (DOCS.parent / "face_models.md").read_text()
 
 
 def test_page_of_people() -> None:
@@ -71,7 +64,9 @@ def test_page_of_people() -> None:
 
 
 def test_page_of_the_field_s_baselines() -> None:
-    assert page("field_baselines") == field_baselines.page(numbers("field_baselines"))
+    assert page("field_baselines") == field_baselines.page(
+        json.loads((DOCS.parents[1] / field_baselines.NUMBERS).read_text())
+    )
 
 
 def test_page_of_the_papers_tables() -> None:
@@ -139,7 +134,7 @@ def test_page_of_sensitivity() -> None:
         for name, row in elsewhere.items()
     }
     blind = [f"`{row[0]}`" for row in doses if not any(row[1:])]
-    assert f"nothing at all (marked † in [benchmark.md](benchmark.md)): {', '.join(blind) or 'none'}." in text
+    assert f"nothing at all (marked † in [benchmark.md](../benchmark.md)): {', '.join(blind) or 'none'}." in text
 
 
 def test_the_packaged_models_are_those_of_the_newest_release_report() -> None:

@@ -1,7 +1,7 @@
 """Sensitivity of the benchmark metrics to corruptions of the truth.
 
-The pool is synthetic motion with a fixed seed, without sound and corpus. docs/sensitivity.md
-(benchmarks/sensitivity.py) has all effects for a larger pool.
+The pool is synthetic motion with a fixed seed, without sound and corpus. docs/results/sensitivity.md
+(pipelines/results/sensitivity.py) has all effects for a larger pool.
 """
 
 from __future__ import annotations
@@ -13,12 +13,9 @@ import numpy as np
 import pytest
 
 from talkingeyes.core.rotation import gaze_in_space
-from talkingeyes.evaluation.benchmark import partner_gaze
+from talkingeyes.evaluation.benchmark.corruptions import CORRUPTIONS, SWAPPED, UNCORRUPTED, apply_corruption
 from talkingeyes.evaluation.benchmark.registry import METRICS
-from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.distribution.encoder import EncoderSettings
-from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS, SWAPPED, UNCORRUPTED, apply_corruption
-from talkingeyes.evaluation.sensitivity.matrix import (
+from talkingeyes.evaluation.benchmark.sensitivity import (
     CorruptionEffect,
     mean_l2,
     sensitivity_matrix,
@@ -26,6 +23,9 @@ from talkingeyes.evaluation.sensitivity.matrix import (
     split_takes,
     train_pool_encoder,
 )
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.measures import partner_gaze
+from talkingeyes.evaluation.measures.motion_encoder import EncoderSettings
 from talkingeyes.models.motion_autoencoder import MotionAutoencoderSettings
 from talkingeyes.synthesis.sketched_clips import sketch_clips
 from talkingeyes.training.loop import LoopSettings

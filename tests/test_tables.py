@@ -9,15 +9,26 @@ import numpy as np
 import pytest
 from toy_workspace import toy_workspace, train_random
 
-from pipelines import critic, paper_table_rows, table_runs, tables
+from pipelines import critic
+from pipelines.results import paper_table_rows, table_runs, tables
 from talkingeyes.core.errors import InputError
-from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.intervals import difference, estimate, mean_of_known, ratio_of_known
-from talkingeyes.evaluation.multi_seed import estimate_over_seeds, nanmean_statistic
-from talkingeyes.evaluation.tables.definitions import FAMILIES, PRINTED, SEQUENCE, TABLES, TITLES, PaperTable
-from talkingeyes.evaluation.tables.rank_order import ordered_pairs, rank_order
-from talkingeyes.evaluation.tables.row_metrics import high_frequency_motion, range_rad, row_metrics
-from talkingeyes.evaluation.tables.seed_result import split_result
+from talkingeyes.evaluation.bootstrap import (
+    BootstrapSettings,
+    difference,
+    estimate,
+    estimate_over_seeds,
+    mean_of_known,
+    nanmean_statistic,
+    ratio_of_known,
+)
+from talkingeyes.evaluation.papers.talkingeyes_claims import ordered_pairs, rank_order
+from talkingeyes.evaluation.papers.talkingeyes_results import (
+    high_frequency_motion,
+    range_rad,
+    row_metrics,
+    split_result,
+)
+from talkingeyes.evaluation.papers.talkingeyes_tables import FAMILIES, PRINTED, SEQUENCE, TABLES, TITLES, PaperTable
 from talkingeyes.evaluation.text_tables import Column
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Report

@@ -10,7 +10,7 @@ from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.core.motion import Blink
 from talkingeyes.core.rotation import eye_in_head
 from talkingeyes.corpus.gaze_datasets import CONVERSATION_CM, CONVERSATION_CM_PER_PX
-from talkingeyes.evaluation.benchmark.behaviour import Behaviour, behaviour
+from talkingeyes.evaluation.detectors.behaviour import Behaviour, behaviour
 from talkingeyes.evaluation.people.tracker import TRACKER, GazeClip, detect_screen_fixations, track
 from talkingeyes.physiology import blinks, saccades
 from talkingeyes.physiology.gaze_population import STATES

@@ -4,7 +4,7 @@ Run     PYTHONPATH=. python docs/pictures/fits.py CORPUS [FOLDER]     (a synthet
 Writes  both pictures; prints the errors of gaze
 
 The video is a rendered clip of 224 pixels, so that no real face is shown; it is as coarse as VoxCeleb2
-(benchmarks/table8.py). Fits get the landmarks and pupils of the simulated detector.
+(pipelines/results/table8.py). Fits get the landmarks and pupils of the simulated detector.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from PIL import Image
 
-from benchmarks.table8 import QUALITY, RESOLUTION_FACTOR, head_with_identity
+from pipelines.results.table8 import QUALITY, RESOLUTION_FACTOR, head_with_identity
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import gaze_to_angles, rotvec_to_direction, rotvec_to_matrix
 from talkingeyes.corpus.store import Corpus

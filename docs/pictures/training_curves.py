@@ -1,6 +1,7 @@
 """Draws how models trained, from the history.json of each run: docs/pictures/NAME-curves.png.
 
-Run: python docs/pictures/training_curves.py posegan build/posegan [OUT.png]  (after python -m pipelines.posegan_table)
+Run: python docs/pictures/training_curves.py posegan build/posegan [OUT.png]  (after python -m
+        pipelines.results.posegan_table)
      python docs/pictures/training_curves.py probtalk3d-paper build/probtalk3d_paper
 """
 

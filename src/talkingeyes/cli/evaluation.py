@@ -13,7 +13,7 @@ from talkingeyes.core.errors import InputError
 
 def _print_schema(wanted: bool) -> bool:
     if wanted:
-        from talkingeyes.evaluation.benchmark.document import json_schema
+        from talkingeyes.evaluation.benchmark.registry import json_schema
 
         typer.echo(json.dumps(json_schema(), indent=1))
         raise typer.Exit

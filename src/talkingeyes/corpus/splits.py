@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+HELD_OUT = 0.1  # of one person, for val and for test
+
 
 def split_sounds(
     speaker_of: Mapping[str, str],
@@ -44,14 +46,15 @@ def split_sounds(
     return split | _distribute(single, wanted)
 
 
-def split_in_time(seconds: Mapping[str, float], *, val: float = 0.1, test: float = 0.1) -> dict[str, str]:
-    """Split of one person's sounds, given with their lengths in the order of recording: train, then val, then test.
+def split_in_time(seconds: Mapping[str, float]) -> dict[str, str]:
+    """Split of one person's sounds, given with their lengths in the order of recording: train, then val, then test, a
+    tenth each.
 
     A sound belongs to the split of its middle; of three sounds or more, each split has at least one.
     """
     lengths = np.array(list(seconds.values()))
     middles = (np.cumsum(lengths) - lengths / 2) / lengths.sum()
-    val_from, test_from = np.searchsorted(middles, [1 - val - test, 1 - test])
+    val_from, test_from = np.searchsorted(middles, [1 - HELD_OUT - HELD_OUT, 1 - HELD_OUT])
     if len(lengths) >= 3:
         val_from = min(val_from, len(lengths) - 2)
         test_from = min(max(test_from, val_from + 1), len(lengths) - 1)

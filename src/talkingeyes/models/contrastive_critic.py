@@ -5,7 +5,7 @@ step. The similarity of a window is the cosine between the concatenated features
 agree in time. A network that pools a window to one vector learns the identity of the speaker instead (docs/log.md). For
 the same reason, the window's median is subtracted from motion and its mean from speech (otherwise a toy coupling
 learned from nine speakers did not generalise to three unseen ones: AUC 0.65 instead of 1.0), and negatives come from
-the same speaker (evaluation/critic/contrastive_training.py).
+the same speaker (evaluation/measures/critic.py).
 
 The paper says only that features of a binary classifier are compared by their cosine. Our departures: features aligned
 in time, one network per part, and for the eyes both eye-in-head (as in the paper; largely driven by the head through

@@ -18,9 +18,9 @@ from talkingeyes.audio.encoder import EmbedSettings
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings, validate_section
 from talkingeyes.corpus.samples import SampleSettings
-from talkingeyes.evaluation.critic.contrastive_training import CriticSettings
-from talkingeyes.evaluation.model_selection.validation_metrics import SelectionMetric, ValidateSettings
-from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
+from talkingeyes.evaluation.measures.critic import CriticSettings
+from talkingeyes.evaluation.papers.talkingeyes_metrics import EvaluateSettings
+from talkingeyes.evaluation.report.validation_metrics import SelectionMetric, ValidateSettings
 from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.models.baselines import BaselineSettings
 from talkingeyes.rendering.video import ReportSettings

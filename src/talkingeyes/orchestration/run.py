@@ -67,7 +67,7 @@ class InputPaths:
 class Workspace:
     """A folder with data/ and the resolved composition (params.yaml) that produces it.
 
-    `may_read_sealed`: whether this is the report of a release (pipelines/release_report.py).
+    `may_read_sealed`: whether this is the report of a release (pipelines/results/release_report.py).
     `sections_read` records the sections requested from `settings`, so that a run is logged with the parameters it used.
     `on_validation` receives the metrics of every validation of a training, and may raise to prune it.
     """

@@ -17,7 +17,8 @@ from talkingeyes.tracking.sources import VideoSource
 from talkingeyes.tracking.video import VideoInfo, probe_video, read_frames
 
 TRIAL_FRAMES = 75
-# Bytes per second of clip, measured on the clips of docs/real_videos.md: observations, 16 kHz FLAC, journal, thumbnail.
+# Bytes per second of clip, measured on the clips of docs/results/real_videos.md: observations, 16 kHz FLAC, journal,
+# thumbnail.
 BYTES_PER_SECOND = {"observations": 9_000, "speech": 20_000, "annotation, ledger and thumbnails": 1_500}
 
 

@@ -27,16 +27,16 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.motion_files import MotionFields, motion_files, read_motions
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.evaluation.benchmark.behaviour import Behaviour, behaviour, with_references
 from talkingeyes.evaluation.benchmark.comparison import Accumulator, Comparison, MetricResult, extract
-from talkingeyes.evaluation.benchmark.corr import with_corr
-from talkingeyes.evaluation.benchmark.features import add_features, gather_features
 from talkingeyes.evaluation.benchmark.table import as_json, as_text, to_csv
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.detectors.behaviour import Behaviour, behaviour, with_references
+from talkingeyes.evaluation.measures.corr import with_corr
+from talkingeyes.evaluation.measures.features import add_features, gather_features
 from talkingeyes.orchestration.run import parallel_map
 
 if TYPE_CHECKING:
-    from talkingeyes.evaluation.critic.evaluators import Evaluators
+    from talkingeyes.evaluation.measures.evaluators import Evaluators
 
 OUTPUT_FILES = re.compile(r"benchmark\.(json|csv)|strip\.png")
 HELD_OUT = ("test", "unseen")
@@ -312,7 +312,7 @@ def _judged(data: Path | None, unit: EvaluatedSound, motions: list[Behaviour]) -
 @lru_cache(maxsize=1)
 def _load_evaluators(data: Path) -> Evaluators:
     """Evaluators, loaded once per process."""
-    from talkingeyes.evaluation.critic.evaluators import Evaluators
+    from talkingeyes.evaluation.measures.evaluators import Evaluators
 
     return Evaluators.load(data / "critic")
 
@@ -371,7 +371,7 @@ def benchmark_text(found: BenchmarkResult) -> str:
 
 
 def _write(found: BenchmarkResult, folder: Path) -> None:
-    from talkingeyes.evaluation.benchmark.strip_plot import plot_strips
+    from talkingeyes.evaluation.report.plots import plot_strips
 
     metadata = {
         "fps": found.fps,

@@ -27,12 +27,18 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.motion_files import MotionFields, motion_files, read_motions
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.evaluation.benchmark.behaviour import behaviour
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.people.baselines import uniform_gaze_deg
+from talkingeyes.evaluation.detectors.behaviour import behaviour
 from talkingeyes.evaluation.people.comparison import as_text, compare_with_people
 from talkingeyes.evaluation.people.fixations import Person, read_people, split_people
-from talkingeyes.evaluation.people.tracker import CLOSED, TRACKER, GazeClip, record_again, record_person
+from talkingeyes.evaluation.people.tracker import (
+    CLOSED,
+    TRACKER,
+    GazeClip,
+    record_again,
+    record_person,
+    uniform_gaze_deg,
+)
 from talkingeyes.physiology.gaze_population import STATES
 from talkingeyes.workflows.evaluate import CONFIDENCE_LEVEL, MAX_NOTES, EvaluatedSound, annotate_sound, match_files
 

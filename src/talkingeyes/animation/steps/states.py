@@ -3,7 +3,7 @@
 Speaking is the model's. The other states are rules:
 
     listening   gaze at the partner for 95 % of the time (Lee, Badler & Badler 2002: 95 %; recorded people,
-                docs/people.md: 91 %); nods are those of a conversation (`steps/listening.py`)
+                docs/results/people.md: 91 %); nods are those of a conversation (`steps/listening.py`)
     thinking    gaze averted for 80 % (Kendon 1967: 20 % looking in hesitant speech), in directions of cognitive
                 aversion (Andrist et al. 2013: up 39 %, to the side 32 %); the head moves half as much
     idle        gaze at the partner for 60 % (Argyle & Ingham 1972: 61 % of a conversation; no figure of waiting people

@@ -16,8 +16,6 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.benchmark.metric import HIGHER, LOWER, Metric, Sums, Totals
 from talkingeyes.evaluation.benchmark.registry import EXTRACTORS, METRICS
 from talkingeyes.evaluation.bootstrap import (
     BootstrapSettings,
@@ -26,7 +24,9 @@ from talkingeyes.evaluation.bootstrap import (
     percentile_interval,
     resample_indices,
 )
-from talkingeyes.evaluation.distribution.mmd import WindowFeatures, sample_windows
+from talkingeyes.evaluation.detectors.behaviour import Behaviour
+from talkingeyes.evaluation.measures.distribution import WindowFeatures, sample_windows
+from talkingeyes.evaluation.measures.metric import HIGHER, LOWER, Metric, Sums, Totals
 
 MAX_GROUPS = 1000
 # Random splits of the reference into halves: the floor of metrics that compare with it.

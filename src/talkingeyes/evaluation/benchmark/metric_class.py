@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from talkingeyes.evaluation.benchmark.comparison import MetricResult
-from talkingeyes.evaluation.benchmark.metric import Metric
+from talkingeyes.evaluation.measures.metric import Metric
 
 MetricClass = Literal["learnt", "corrected", "rule", "construction"]
 LEARNT: Final = "learnt"

@@ -15,14 +15,14 @@ from numpy import ndarray
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.evaluation.benchmark.behaviour import FIELDS, Behaviour, behaviour, with_references
 from talkingeyes.evaluation.benchmark.comparison import Accumulator, Comparison, MetricResult, extract
-from talkingeyes.evaluation.benchmark.corr import CorrScorer, CorrScores, with_corr, with_corr_scores
-from talkingeyes.evaluation.benchmark.features import Encoder, add_features, gather_features
-from talkingeyes.evaluation.benchmark.metric import Metric
 from talkingeyes.evaluation.benchmark.metric_class import LearntCount, count_learnt
 from talkingeyes.evaluation.benchmark.table import as_json
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.detectors.behaviour import FIELDS, Behaviour, behaviour, with_references
+from talkingeyes.evaluation.measures.corr import CorrScorer, CorrScores, with_corr, with_corr_scores
+from talkingeyes.evaluation.measures.features import Encoder, add_features, gather_features
+from talkingeyes.evaluation.measures.metric import Metric
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from talkingeyes.evaluation.benchmark.comparison import MetricResult
-from talkingeyes.evaluation.benchmark.document import SCHEMA, VERSION, BenchmarkDocument
-from talkingeyes.evaluation.benchmark.registry import METRICS
+from talkingeyes.evaluation.benchmark.registry import METRICS, SCHEMA, VERSION, BenchmarkDocument
 from talkingeyes.evaluation.bootstrap import Estimate
 from talkingeyes.evaluation.text_tables import aligned, csv_text
 

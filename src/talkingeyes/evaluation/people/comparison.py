@@ -13,15 +13,16 @@ import numpy as np
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate
-from talkingeyes.evaluation.people.distance import (
+from talkingeyes.evaluation.people.fixations import Person
+from talkingeyes.evaluation.people.measures import (
+    MEASURES,
     MIN_SPEAKERS,
+    MIN_TIME_S,
     measure_distance,
     measure_floor,
     people_values,
     pool_speakers,
 )
-from talkingeyes.evaluation.people.fixations import Person
-from talkingeyes.evaluation.people.measures import MEASURES, MIN_TIME_S
 from talkingeyes.evaluation.people.two_sample import each_its_own, reference_auc, sequences_of, two_sample_auc
 from talkingeyes.evaluation.text_tables import aligned
 from talkingeyes.physiology.gaze_population import STATES

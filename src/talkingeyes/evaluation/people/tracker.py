@@ -13,6 +13,10 @@ here, a still gaze that the tracker loses as often splits 0.8 times a second, in
 last 0.8 s while speaking and 1.2 s while listening (first onset to last end), which 1.43 and 0.91 losses per second
 give. Blinks of the motion lose samples too; BLINKS_PER_S is taken off the random losses. Segments are 0.56 s
 apart, of which about 0.3 s are the fixation that is left out.
+
+Gaze that looks at nothing: a baseline that a measure must fail to be worth anything.
+
+The eyes jump to a direction drawn uniformly every 0.2 to 5 s and rest there; the head is still, and sound is not used.
 """
 
 from __future__ import annotations
@@ -151,3 +155,17 @@ def record_again(person: Person, tracker: Tracker, rng: np.random.Generator) -> 
     # Blinks are not in the fixations: all losses are random.
     losses = tuple(rate + BLINKS_PER_S for rate in tracker.loss_per_s)
     return record_person(person.name, clips, replace(tracker, loss_per_s=(losses[0], losses[1])), rng)
+
+
+HOLD_S = (0.2, 5.0)
+HALF_RANGE_DEG = (20.0, 10.0)  # of yaw and pitch: what eyes do without the head
+
+
+def uniform_gaze_deg(frames: int, fps: float, rng: np.random.Generator) -> Float[ndarray, "T 2"]:
+    """Gaze in space of T frames."""
+    gaze, start = np.empty((frames, 2)), 0
+    while start < frames:
+        stop = start + max(1, round(rng.uniform(*HOLD_S) * fps))
+        gaze[start:stop] = rng.uniform(-1, 1, 2) * HALF_RANGE_DEG
+        start = stop
+    return gaze

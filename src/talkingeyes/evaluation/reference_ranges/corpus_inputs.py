@@ -9,7 +9,7 @@ from talkingeyes.audio.prosody import ProsodySettings
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.evaluation.critic.contrastive_training import CriticSettings
+from talkingeyes.evaluation.measures.critic import CriticSettings
 from talkingeyes.synthesis import plan
 
 

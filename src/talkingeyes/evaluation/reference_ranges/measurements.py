@@ -6,40 +6,77 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
-from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.reference_ranges import blinks, eyes, face, head, partner_gaze, probes, saccades
-from talkingeyes.evaluation.reference_ranges.clip_data import (
+from talkingeyes.evaluation.benchmark.table import METRICS_BY_NAME
+from talkingeyes.evaluation.detectors.behaviour import Behaviour
+from talkingeyes.evaluation.measures import blinks, eye_head, lids_and_jaw, movement, partner_gaze, saccades
+from talkingeyes.evaluation.measures.pooled import (
     ClipData,
     Measurement,
     PooledArrays,
-    benchmark_metric,
-    benchmark_sums,
     measurement,
     no_measurement,
 )
+from talkingeyes.evaluation.reference_ranges import probes
 
 RATES_FPS = (500, 120, 60, 25)
 Measurements = dict[str, Measurement]
+# Sums of the gaze benchmark that values are computed from.
+EXTRACTORS = (
+    saccades.OBSERVER,
+    partner_gaze.STATES,
+    partner_gaze.CURVES,
+    eye_head.BINOCULAR,
+    eye_head.EYE_HEAD,
+    movement.EYE,
+    movement.SPACE,
+    movement.HEAD,
+    movement.SPEAKING,
+    blinks.BLINKS,
+)
+
+
+def benchmark_sums(behaviour: Behaviour) -> dict[str, ndarray]:
+    """Benchmark sums of one clip, each with a first axis of length 1."""
+    found: dict[str, ndarray] = {}
+    for extractor in EXTRACTORS:
+        if all(behaviour.has(field) for field in extractor.needs):
+            found |= {name: np.asarray(value, float)[None] for name, value in extractor.extract(behaviour).items()}
+    return found
+
+
+def benchmark_metric(pool: PooledArrays, name: str) -> Measurement:
+    """A metric of the gaze benchmark, computed from the sums in the pool."""
+    metric = METRICS_BY_NAME[name]
+    assert metric.compute is not None
+    if metric.count_key not in pool:
+        return no_measurement(f"no {' and '.join(metric.extractor.needs)}")
+    totals = {key: pool[key].sum(axis=0, keepdims=True) for key in metric.extractor.sizes}
+    with np.errstate(invalid="ignore", divide="ignore"):
+        value = float(metric.compute(totals)[0])
+    return measurement(value, int(totals[metric.count_key][0]), metric.count_unit, metric.min_count)
 
 
 def extract(clip_data: ClipData) -> PooledArrays:
     """Pool of one clip at its own frame rate."""
     behaviour, pool = clip_data.behaviour, dict(benchmark_sums(clip_data.behaviour))
     if behaviour.head is not None and behaviour.gaze is not None:
-        pool |= {**saccades.extract(behaviour), **eyes.extract(behaviour, clip_data.axis_divergence_rad)}
+        pool |= {**saccades.extract_pool(behaviour), **eye_head.extract_pool(behaviour, clip_data.axis_divergence_rad)}
     if clip_data.events is not None:
-        pool |= eyes.extract_events(clip_data.events)
+        pool |= eye_head.extract_events(clip_data.events)
     if behaviour.lid is not None:
-        pool |= blinks.extract(clip_data.speaker, behaviour, clip_data.annotation)
+        pool |= blinks.extract_pool(clip_data.speaker, behaviour, clip_data.annotation)
     if clip_data.motion is not None:
-        pool |= face.extract_lids(_in_mood(clip_data), clip_data.motion)
+        pool |= lids_and_jaw.extract_lids(_in_mood(clip_data), clip_data.motion)
     if clip_data.annotation is not None:
-        pool |= {**partner_gaze.extract(clip_data.speaker, behaviour, clip_data.annotation), **_style(clip_data)}
+        pool |= {**partner_gaze.extract_pool(clip_data.speaker, behaviour, clip_data.annotation), **_style(clip_data)}
         if clip_data.frame_prosody is not None:
-            pool |= head.extract(behaviour, clip_data.annotation, clip_data.frame_prosody)
+            pool |= movement.extract_pool(behaviour, clip_data.annotation, clip_data.frame_prosody)
             if clip_data.motion is not None:
-                pool |= face.extract_jaw(clip_data.motion, behaviour, clip_data.annotation, clip_data.frame_prosody)
+                pool |= lids_and_jaw.extract_jaw(
+                    clip_data.motion, behaviour, clip_data.annotation, clip_data.frame_prosody
+                )
     return pool
 
 
@@ -73,10 +110,10 @@ def measure_gaze(pool: PooledArrays) -> Measurements:
         "rate": saccades.saccade_rate(pool),
         "eye_yaw": benchmark_metric(pool, "eye/sd_yaw"),
         "eye_pitch": benchmark_metric(pool, "eye/sd_pitch"),
-        "oculomotor_range": eyes.within_motor_range(pool),
+        "oculomotor_range": eye_head.within_motor_range(pool),
         "conjugacy": benchmark_metric(pool, "eye/conjugacy"),
         "torsion": benchmark_metric(pool, "eye/torsion"),
-        "vergence": eyes.vergence_deg(pool),
+        "vergence": eye_head.vergence_deg(pool),
         "vor_yaw": benchmark_metric(pool, "head_eye/slope_yaw"),
         "vor_pitch": benchmark_metric(pool, "head_eye/slope_pitch"),
         "speed": benchmark_metric(pool, "eye/speed"),
@@ -99,15 +136,15 @@ def measure_main_sequence(pool: PooledArrays) -> Measurements:
 def measure_gaze_shifts(pool: PooledArrays) -> Measurements:
     """Head contribution to large gaze shifts, which are rare, and blinks that accompany them."""
     return {
-        "head_contribution_10": eyes.head_contribution(pool, 8.0, 12.0),
-        "head_contribution_25": eyes.head_contribution(pool, 21.0, 30.0),
+        "head_contribution_10": eye_head.head_contribution(pool, 8.0, 12.0),
+        "head_contribution_25": eye_head.head_contribution(pool, 21.0, 30.0),
         "gaze_evoked_blinks": blinks.gaze_evoked(pool),
     }
 
 
 def extract_gaze_shifts(behaviour: Behaviour) -> PooledArrays:
     """Pool of one motion for `measure_gaze_shifts`."""
-    return {**eyes.extract_gaze_shifts(behaviour), **blinks.extract_gaze_shifts(behaviour)}
+    return {**eye_head.extract_gaze_shifts(behaviour), **blinks.extract_gaze_shifts(behaviour)}
 
 
 def measure_head(pool: PooledArrays) -> Measurements:
@@ -116,7 +153,7 @@ def measure_head(pool: PooledArrays) -> Measurements:
         "head_yaw": benchmark_metric(pool, "head/sd_yaw"),
         "head_pitch": benchmark_metric(pool, "head/sd_pitch"),
         "head_roll": benchmark_metric(pool, "head/sd_roll"),
-        "head_fast": head.fast_power_fraction(pool),
+        "head_fast": movement.fast_power_fraction(pool),
         "psd_head": benchmark_metric(pool, "head/spectrum_slope"),
     }
 
@@ -131,7 +168,7 @@ def measure_speech(pool: PooledArrays) -> Measurements:
         "aversion_duration": partner_gaze.dwell_median(pool, True),
         "partner_gaze_duration": partner_gaze.dwell_median(pool, False),
         **partner_gaze.aversion_lead(pool),
-        "head_speed": head.speaking_speed(pool),
+        "head_speed": movement.speaking_speed(pool),
         "head_ratio": benchmark_metric(pool, "head/speech_speed_ratio"),
         "phrase_end": blinks.phrase_end_ratio(pool),
         "icc_blink": probes.style_icc(pool, "blinks"),
@@ -147,11 +184,11 @@ def _complement(fraction: Measurement) -> Measurement:
 def measure_prosody(pool: PooledArrays) -> Measurements:
     """Statistics that need the sound: correlation of head and jaw with prosody, jaw opening."""
     return {
-        "prosody_cca": head.sentence_correlation(pool),
-        "pitch_level_correlation": head.frame_correlation(pool),
-        "jaw_wide": face.jaw_opening_p95(pool),
-        "jaw_hz": face.jaw_peak_hz(pool),
-        "jaw_envelope": face.jaw_envelope(pool),
+        "prosody_cca": movement.sentence_correlation(pool),
+        "pitch_level_correlation": movement.frame_correlation(pool),
+        "jaw_wide": lids_and_jaw.jaw_opening_p95(pool),
+        "jaw_hz": lids_and_jaw.jaw_peak_hz(pool),
+        "jaw_envelope": lids_and_jaw.jaw_envelope(pool),
     }
 
 
@@ -162,7 +199,7 @@ def measure_blinks(pool: PooledArrays) -> Measurements:
 
 def measure_lids(pool: PooledArrays) -> Measurements:
     """Gains of the upper lids and fit of the Eyelid model."""
-    return {**face.lid_gains(pool), "lid_model": face.lid_r_squared(pool)}
+    return {**lids_and_jaw.lid_gains(pool), "lid_model": lids_and_jaw.lid_r_squared(pool)}
 
 
 def measure_take_variance(pool: PooledArrays) -> Measurements:
@@ -198,6 +235,6 @@ def measure_fit(table8: Mapping[str, Any]) -> Measurements:
 def measure_eye_aspect_ratio() -> Measurements:
     """Eye aspect ratio of the open head, lids open and shut."""
     return {
-        "ear_open": measurement(face.eye_aspect_ratio(0.0), 1, "head"),
-        "ear_shut": measurement(face.eye_aspect_ratio(1.0), 1, "head"),
+        "ear_open": measurement(lids_and_jaw.eye_aspect_ratio(0.0), 1, "head"),
+        "ear_shut": measurement(lids_and_jaw.eye_aspect_ratio(1.0), 1, "head"),
     }

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from numpy import ndarray
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
-from talkingeyes.evaluation.benchmark.saccades import MAIN_SEQUENCE_GRID_DEG, sampled_log_peak_speed
-from talkingeyes.evaluation.reference_ranges.clip_data import ClipData, PooledArrays
+from talkingeyes.evaluation.measures.pooled import ClipData, PooledArrays
+from talkingeyes.evaluation.measures.saccades import MAIN_SEQUENCE_GRID_DEG, sampled_log_peak_speed
 from talkingeyes.physiology import saccades as main_sequence_model
 
 RATES_FPS = (500, 120, 60, 25)

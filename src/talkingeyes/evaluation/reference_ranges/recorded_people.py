@@ -13,9 +13,10 @@ import numpy as np
 
 from talkingeyes.core import rotation
 from talkingeyes.corpus.gaze_datasets import ConversationFixations, GazeRecording
-from talkingeyes.evaluation.benchmark.behaviour import Behaviour, behaviour
-from talkingeyes.evaluation.reference_ranges import measurements, saccades
-from talkingeyes.evaluation.reference_ranges.clip_data import ClipData, PooledArrays, join_pools
+from talkingeyes.evaluation.detectors.behaviour import Behaviour, behaviour
+from talkingeyes.evaluation.measures import saccades
+from talkingeyes.evaluation.measures.pooled import ClipData, PooledArrays, join_pools
+from talkingeyes.evaluation.reference_ranges import measurements
 from talkingeyes.evaluation.reference_ranges.measurements import Measurements
 
 EYE_TRACKING_STATISTICS = ("below_5", "below_15", "amplitude", "cardinal", "rate", "psd_gaze")
