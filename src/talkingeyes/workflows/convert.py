@@ -222,13 +222,15 @@ def import_files(
     mapping: Path | str | None = None,
     eyes: str | None = None,
     joints: Mapping[str, str] | None = None,
+    animation: str | None = None,
     expression: bool = True,
     force: bool = False,
 ) -> list[ImportedFile]:
     """Write the motions of external files as Motion files: one as `out`.npz, or any number into a folder.
 
     `fps` is for files without a frame rate, `mapping` a key map; `eyes` is as for `export`, by default what the format
-    usually holds; `joints` are names of joints of a GLB, as for `add_eyes`; without `expression`, the face is dropped.
+    usually holds; `joints` and `animation` are names in a GLB, as for `add_eyes`; without
+    `expression`, the face is dropped.
     """
     from talkingeyes.core.progress import progress_bar
     from talkingeyes.formats.readers.key_map import load_key_map
@@ -246,7 +248,7 @@ def import_files(
     key_map = None if mapping is None else load_key_map(Path(mapping))
     done = []
     for name, path in progress_bar(found.items(), "import", len(found)):
-        read = read_motion(path, fps, key_map, eyes, joints)
+        read = read_motion(path, fps, key_map, eyes, joints, animation)
         done.append(ImportedFile(name, read if expression else replace(read, motion=_without_face(read.motion))))
     with writing(out, "file" if single else "folder"):
         return _saved(done, output_path, single)
