@@ -99,7 +99,7 @@ def add_eyes(
     options = EyeOptions(seed, controls, keep_head, blend)
     if eyes is not None:
         check_forward_axis(eyes)
-    output_path = check_output_file(Path(out), path.suffix, force)
+    output_path = check_output_file(Path(out), path.suffix, force, [path])
     file = open_face_file(path, fps, eyes, joints, animation)
     content, added = edit_face(file, load_speech(speech), load_performer(model), options)
     with writing(out), atomic_write(output_path) as partial:
@@ -129,6 +129,8 @@ def edit_face(
     written = file.read_back(content)
     if options.blend > 0 and not (written.gaze.any() or written.lid.any()):
         notes += ("no eyes are read in the written file: its readers know no place for them",)
+    elif options.blend > 0 and shown.gaze.any() and not written.gaze.any():
+        notes += ("no place for gaze in the file: no saccades",)
     elif options.blend > 0 and shown.lid.any() and not written.lid.any():
         notes += ("no place for lids in the file: no blinks",)
     return content, EyesAdded(file.format, animation, detect_events(written), notes)
