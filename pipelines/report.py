@@ -60,7 +60,7 @@ from talkingeyes.evaluation.report.requirements import (
     row_metrics,
     to_json,
 )
-from talkingeyes.evaluation.text_tables import markdown_table
+from talkingeyes.evaluation.text_tables import markdown_table, training_budget, training_sentence
 from talkingeyes.orchestration.run import MethodResult, Report, Workspace, main
 
 # Methods whose traces are plotted beside the truth, and their number of samples.
@@ -139,6 +139,7 @@ class Results:
     critic_notes: str
     required: dict[str, list[Requirement]]
     upstream: list[Requirement]
+    budgets: dict[str, str]
 
     @classmethod
     def read(cls, workspace: Workspace, names: Collection[str] = ()) -> Results:
@@ -172,7 +173,18 @@ class Results:
                 *_upstream(workspace.data("fit", "table8.json"), counts),
                 *face_requirements(rows, FACE_MODEL),
             ],
+            budgets={
+                name: training_budget(workspace.params.get("model", {}).get(name, {})) for name in order_rows(eyes)
+            },
         )
+
+    def table3(self) -> list[str]:
+        """Table III as Markdown, with what its rows were trained with."""
+        return [
+            training_sentence({TITLES.get(name, name): budget for name, budget in self.budgets.items()}),
+            "",
+            markdown(self.eyes),
+        ]
 
 
 def run(workspace: Workspace) -> Report:
@@ -206,7 +218,9 @@ def _write_tables(folder: Path, results: Results) -> None:
     (folder / "table3.md").write_text(_page(results))
     (folder / "face.md").write_text(FACES + face_markdown(results.rows))
     tied = {name: row for name, row in results.informed.items() if _uses_sound(row)}
-    summary = report_summary(results.rows, tied, results.aversions, results.required, results.upstream, "data/report")
+    summary = report_summary(
+        results.rows, tied, results.aversions, results.required, results.budgets, results.upstream, "data/report"
+    )
     (folder / "summary.txt").write_text(summary)
     (folder / "rows").mkdir()
     for name, row in results.rows.items():
@@ -235,7 +249,7 @@ def _page(results: Results) -> str:
     parts += [AVERSION, aversion_table(results.aversions), ""]
     if results.on_val:
         parts += [VALIDATION, validation_table(results.on_val), ""]
-    parts += [REQUIREMENTS, model_requirements_table(results.required), "", markdown(results.eyes), BENCHMARK]
+    parts += [REQUIREMENTS, model_requirements_table(results.required), "", *results.table3(), BENCHMARK]
     parts += [
         learnt_counts(results.benchmarks),
         benchmark_markdown(results.benchmarks, TITLES),

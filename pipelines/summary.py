@@ -2,7 +2,7 @@
 
 Run     python -m pipelines.summary [--log] ROW ...
 Reads   what `report` reads of these rows, without data/information and data/validate, which may be of other models
-Writes  the summary to stdout; with --log, the rows to MLflow
+Writes  the summary to stdout, build/table3.md; with --log, the rows to MLflow
 """
 
 from __future__ import annotations
@@ -13,15 +13,17 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from pipelines.report import Results, flat_metrics
+from pipelines.report import INTRODUCTION, Results, flat_metrics
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.papers.table3 import order_rows
 from talkingeyes.evaluation.report.requirements import summary_table
 from talkingeyes.orchestration.run import MethodResult, Report, Workspace, run_command, run_stage
 
 LOG = "--log"
-MORE = """
-Figures with intervals, plots, films, the other models and the face: make report, 45 minutes more. Runs: make ui
+PAGE = "build/table3.md"
+MORE = f"""
+Table III with intervals: {PAGE}. Plots, films, the other models and the face: make report, 45 minutes more
+Runs: make ui
 Animate a recording: .venv/bin/talkingeyes animate SPEECH.wav"""
 
 
@@ -30,7 +32,10 @@ def run(names: Sequence[str], workspace: Workspace) -> Report:
     results = replace(Results.read(workspace, names), informed={}, on_val={})
     if missing := [name for name in names if not workspace.data("evaluate", name).is_dir()]:
         raise InputError(f"{workspace.data('evaluate', missing[0])}: should be a row of `evaluate`, got no folder")
-    print("\n".join(summary_table(results.rows, {}, results.aversions, results.required)))
+    print("\n".join(summary_table(results.rows, {}, results.aversions, results.required, results.budgets)))
+    page = workspace.root / PAGE
+    page.parent.mkdir(exist_ok=True)
+    page.write_text("\n".join([INTRODUCTION, *results.table3()]))
     return Report(rows=[MethodResult(name, flat_metrics(name, results)) for name in order_rows(results.rows)])
 
 

@@ -93,6 +93,20 @@ def test_wav_without_its_size_is_read_to_the_end(
     np.testing.assert_allclose(read_speech(tmp_path / "a.wav"), sound, atol=1e-3)
 
 
+@pytest.mark.parametrize("length", [LENGTH, 0])
+def test_odd_chunks_may_lack_their_pad_byte(tmp_path: Path, length: int) -> None:
+    sound = tone(16_000, seconds=2.0)
+    coding = b"fmt " + struct.pack("<IHHIIHH", 16, 1, 1, 16_000, 32_000, 2, 16)
+    for before, after in (
+        (b"JUNK\3\0\0\0abc", b"iXML\5\0\0\0hello"),
+        (b"", b"iXML\5\0\0\0hello\0"),
+        (b"", b"LIST\5\0\0\0INFOd"),
+    ):
+        head = b"RIFF" + struct.pack("<I", 0) + b"WAVE" + before + coding + after + b"data" + struct.pack("<I", length)
+        (tmp_path / "a.wav").write_bytes(head + (sound * 32_768).astype("<i2").tobytes())
+        np.testing.assert_allclose(read_speech(tmp_path / "a.wav"), sound, atol=1e-3)
+
+
 @pytest.mark.parametrize(("left", "right"), [(1.0, -1.0), (0.7, -1.0), (-1.0, 0.9)])
 @pytest.mark.parametrize("container", ["WAV", "m4a"])
 def test_opposite_phase_does_not_cancel(tmp_path: Path, left: float, right: float, container: str) -> None:

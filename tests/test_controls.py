@@ -33,7 +33,7 @@ PAPER_CONTEXT = AnimationContext(Controls(), blink_profile=PAPER)
 
 
 def eye_contact(made: Motion, x_m: float = 0.0) -> float:
-    listener = np.tile([x_m, 0.0, 1.0], (len(made), 1))
+    listener = np.tile([x_m, 0.0, 1.0, 1.0], (len(made), 1))
     return eye_contact_fraction(made.head, rotation.gaze_in_space(made.head, made.gaze), listener)
 
 

@@ -83,7 +83,7 @@ def frames(state: str) -> slice:
 def contact(animation: Animation, state: str) -> float:
     head, inside = animation.motion.head, frames(state)
     space = rotation.gaze_in_space(head, animation.motion.gaze)
-    return eye_contact_fraction(head[inside], space[inside], np.tile([0.0, 0.0, 1.0], (len(head), 1))[inside])
+    return eye_contact_fraction(head[inside], space[inside], np.tile([0.0, 0.0, 1.0, 1.0], (len(head), 1))[inside])
 
 
 @pytest.mark.long
@@ -305,7 +305,7 @@ def test_without_states_nothing_changes_and_eye_contact_takes_precedence():
     idle = StateTrack((Span(0.0, 30.0, "idle"),))
     fixed = perform_toy(states=idle, eye_contact=1.0)[0]
     head, space = fixed.motion.head, rotation.gaze_in_space(fixed.motion.head, fixed.motion.gaze)
-    assert eye_contact_fraction(head, space, np.tile([0.0, 0.0, 1.0], (len(head), 1))) > 0.95
+    assert eye_contact_fraction(head, space, np.tile([0.0, 0.0, 1.0, 1.0], (len(head), 1))) > 0.95
     assert one.reasons and {each.state for each in one.reasons} == {"idle"}  # a silent sound
     assert replace(one, reasons=()).motion is one.motion
 

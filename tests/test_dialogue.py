@@ -49,7 +49,7 @@ def looks(made: Animation, who: int) -> float:
     times = np.arange(len(made.motion)) / 25
     listens = np.any([(times >= start + 0.3) & (times < end) for start, end, each in TALK if each != who], axis=0)
     head, space = made.motion.head, rotation.gaze_in_space(made.motion.head, made.motion.gaze)
-    ahead = np.tile([0.0, 0.0, 1.0], (len(times), 1))
+    ahead = np.tile([0.0, 0.0, 1.0, 1.0], (len(times), 1))
     return eye_contact_fraction(head[listens], space[listens], ahead[listens])
 
 

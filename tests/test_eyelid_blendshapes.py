@@ -19,7 +19,7 @@ from talkingeyes.head.eyelid.anatomy import (
 )
 from talkingeyes.head.eyelid.blendshapes import LID_SHAPES, eyelid_weights
 from talkingeyes.head.eyelid.model import LOWER, POINTS, UPPER, explained_variance, fit_eyelid_model, lid_opening_m
-from talkingeyes.head.eyelid.postures import anatomical_lid_curves, held_out_postures, paper_postures
+from talkingeyes.head.eyelid.postures import anatomical_lid_curves, held_out_postures, paper_postures, posture_grid
 from talkingeyes.head.eyelid.region import eyelid_region
 from talkingeyes.head.flame import load_flame
 from talkingeyes.head.model import HeadModel
@@ -91,6 +91,30 @@ def test_corners_nearly_stay(head: HeadModel):
     for side in ("left", "right"):
         for corner in ("outer", "inner"):
             assert np.linalg.norm(down[f"{side}_eye_{corner}"] - ahead[f"{side}_eye_{corner}"]) < 0.0025
+
+
+def test_the_outer_corner_follows_abduction_but_not_adduction(head: HeadModel):
+    """2 mm at 45 degrees of abduction (Gioia, Linberg & McCormick 1987)."""
+    ahead, to_left, to_right = (points_at(head, yaw, 0, (0.0, 0.0)) for yaw in (0, 25, -25))
+    for side, abducted, adducted, outwards in (("left", to_left, to_right, 1), ("right", to_right, to_left, -1)):
+        outer, inner = f"{side}_eye_outer", f"{side}_eye_inner"
+        moved = [outwards * (each[outer] - ahead[outer])[0] for each in (abducted, adducted)]
+        assert 0.0006 < moved[0] < 0.0016
+        assert abs(moved[1]) < 0.0004
+        for each in (abducted, adducted):
+            assert abs((each[inner] - ahead[inner])[0]) < 0.0005
+
+
+def test_shapes_have_the_full_form_of_the_curves_not_heights_alone(head: HeadModel):
+    """For horizontal gaze: where the cornea lifts the lids, and where the corner goes."""
+    around = eyelid_region(head, 0)
+    model = fit_eyelid_model(posture_grid(around, EyelidParameters()))
+    angles = np.radians([[25.0, 0.0], [-25.0, 0.0]])
+    wanted = (model.gaze_only_curves(angles) - model.gaze_only_curves(np.zeros(2)))[:, : LOWER.stop]
+    motion = Motion.of(25.0, np.zeros((2, 3)), np.repeat(angles_to_gaze(angles)[:, None], 2, axis=1))
+    moved = np.tensordot(motion_to_pose(head, motion).expression, head.expression, axes=1)
+    left = around.curves.of(moved)[:, : LOWER.stop] - wanted
+    assert np.linalg.norm(left) < 0.5 * np.linalg.norm(wanted)
 
 
 def test_the_curves_of_a_region_run_from_corner_to_corner(head: HeadModel):

@@ -79,6 +79,14 @@ def test_a_folder_of_numbered_frames_is_one_motion(tmp_path: Path, name: str, fl
         read_motion(tmp_path / "flame_param")
 
 
+def test_other_files_among_frames_are_noted(tmp_path: Path) -> None:
+    frames(tmp_path / "flame_param", "{:05d}.npz", list(range(4)))
+    np.savez(tmp_path / "flame_param" / "canonical_flame_param.npz", expr=small(1, 100))
+    read = read_motion(tmp_path / "flame_param", 25.0)
+    assert len(read.motion) == 4
+    assert read.notes[1] == "1 of 5 files has no place here: canonical_flame_param.npz"
+
+
 def test_frames_that_are_missing_are_not_valid(tmp_path: Path) -> None:
     rows = frames(tmp_path / "tenths", "{:05d}.npz", [100, 110, 140, 150])
     motion = read_motion(tmp_path / "tenths", 25.0).motion
@@ -345,6 +353,30 @@ def test_mismatched_map_is_one_line_error(tmp_path: Path, text: str, message: st
     with pytest.raises(InputError, match=re.escape(message)) as told:
         read_motion(tmp_path / "a.npy", None, load_key_map(tmp_path / "map.yaml"))
     assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize(("head", "eyes"), [("mixamorig:{}", "mixamorig:{}Eye"), ("CC_Base_{}", "CC_Base_{}_Eye")])
+def test_joints_of_bvh_have_the_names_of_rigs(tmp_path: Path, head: str, eyes: str) -> None:
+    made = toy_motions.motion(30.0)
+    write_bvh(made, anny_head(), tmp_path / "a.bvh")
+    text = (tmp_path / "a.bvh").read_text()
+    text = text.replace("ROOT head", f"ROOT {head.format('Head')}").replace("0.033333333", "0.033333")
+    for side in ("Left", "Right"):
+        text = text.replace(f"JOINT {side.lower()}_eye", f"JOINT {eyes.format(side)}")
+    (tmp_path / "a.bvh").write_text(text)
+    read = read_motion(tmp_path / "a.bvh", eyes="optical")
+    assert read.motion.fps == 30.0
+    np.testing.assert_allclose(read.motion.head, made.head, atol=1e-6)
+    np.testing.assert_allclose(read.motion.gaze, made.gaze, atol=1e-6)
+    assert not [note for note in read.notes if "place" in note]
+
+
+def test_the_head_of_bvh_turns_with_its_neck(tmp_path: Path) -> None:
+    channels = "OFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation"
+    tree = f"HIERARCHY\nROOT Neck\n{{\n{channels}\nJOINT Head\n{{\n{channels}\nEnd Site\n{{\nOFFSET 0 1 0\n}}\n}}\n}}\n"
+    (tmp_path / "a.bvh").write_text(f"{tree}MOTION\nFrames: 2\nFrame Time: 0.04\n0 0 0 0 0 0\n0 0 10 0 0 5\n")
+    motion = read_motion(tmp_path / "a.bvh").motion
+    np.testing.assert_allclose(np.degrees(motion.head[1]), [0, 15, 0], atol=1e-9)
 
 
 def test_broken_files_are_one_line_errors(tmp_path: Path) -> None:

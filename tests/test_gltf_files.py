@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import struct
 import sys
@@ -180,6 +181,115 @@ def test_channels_without_a_node_are_ignored(tmp_path: Path) -> None:
     np.testing.assert_allclose(edited(path).lid, OURS.lid, atol=1e-6)
     content = path.with_stem("out").read_bytes()
     assert b"/materials/0/alphaCutoff" in content
+
+
+def interpolated(gltf: Gltf, values: np.ndarray, times: np.ndarray, interpolation: str) -> None:
+    """Give the first channel other keys."""
+    sampler = {"input": gltf.accessor(times.astype(np.float32)), "interpolation": interpolation}
+    sampler["output"] = gltf.accessor(values.astype(np.float32))
+    gltf.document["animations"][0]["samplers"][0] = sampler
+
+
+def test_cubic_splines_and_steps_are_read_and_edited(tmp_path: Path) -> None:
+    times = TIMES_S[:: FRAMES - 1]
+    slopes = {"before": [9.0, -2.0], "after": [3.0, 9.0]}  # of the jaw, in units a second
+    keys = np.zeros((2, 3, len(FACE)))
+    keys[:, :, 0] = np.stack([slopes["before"], [0.2, 0.6], slopes["after"]], axis=1)
+    path = rewritten(face(tmp_path / "a.glb", FACE), lambda g: interpolated(g, keys.ravel(), times, "CUBICSPLINE"))
+    read = read_motion(path, fps=FPS).motion
+    jaw = read.jaw[:, 0] / arkit.JAW_OPEN_RAD
+    assert len(jaw) == FRAMES
+    np.testing.assert_allclose([jaw[0], jaw[-1]], [0.2, 0.6], atol=1e-6)
+    np.testing.assert_allclose(np.diff(jaw)[[0, -1]] * FPS, [3.0, -2.0], atol=0.25)
+    content = open_face_file(path, fps=FPS).editor.edited(AddedEyes(OURS, True, 1.0))
+    path.write_bytes(content)
+    found = read_motion(path).motion
+    np.testing.assert_allclose(found.jaw, read.jaw, atol=1e-6)
+    np.testing.assert_allclose(found.lid, OURS.lid, atol=1e-6)
+
+    steps = np.where(TIMES_S[::10] < 1, 0.25, 0.75)
+    path = rewritten(face(tmp_path / "b.glb", ["jawOpen"]), lambda g: interpolated(g, steps, TIMES_S[::10], "STEP"))
+    held = read_motion(path, fps=FPS).motion.jaw[:, 0] / arkit.JAW_OPEN_RAD
+    np.testing.assert_allclose(held[[0, 29, 30]], [0.25, 0.25, 0.75], atol=1e-6)
+
+    turns = Rotation.from_rotvec([[0, 0, 0], [0.1, 0.2, 0]]).as_quat()
+    keys = np.stack([np.zeros((2, 4)), turns, np.zeros((2, 4))], axis=1).reshape(-1, 4)
+    tree = {"LeftEye": None, "RightEye": None}
+    rest = {"rotation": [0, 0, 0, 1]}
+    path = bones(tmp_path / "c.glb", tree, moving=("LeftEye",), LeftEye=rest, RightEye=rest)
+    path = rewritten(path, lambda g: g.document["animations"][0]["channels"].reverse())  # that of the eye first
+    path = rewritten(path, lambda g: g.document["animations"][0]["samplers"].reverse())
+    path = rewritten(
+        path,
+        lambda g: [each.update(sampler=1 - each["sampler"]) for each in g.document["animations"][0]["channels"]],
+    )
+    path = rewritten(path, lambda g: interpolated(g, keys, times, "CUBICSPLINE"))
+    gaze = read_motion(path, fps=FPS, eyes="optical").motion.gaze[:, 0]
+    np.testing.assert_allclose(gaze[[0, -1]], [[0, 0, 0], [0.1, 0.2, 0]], atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(gaze[FRAMES // 4]) / np.linalg.norm(gaze[-1]), 0.15, atol=0.02)
+
+
+def test_the_animation_that_moves_the_face_is_taken_unless_another_is_named(tmp_path: Path) -> None:
+    def others(gltf: Gltf) -> None:
+        """A walk of the body and a still face before it, another face after it."""
+        own = gltf.document["animations"][0]
+        body = gltf.node("Hips")
+        gltf.animate({(body, "translation"): np.zeros((FRAMES, 3))}, FPS)
+        gltf.animate({(0, "weights"): np.zeros((FRAMES, len(FACE)))}, FPS)
+        gltf.animate({(0, "weights"): np.full((FRAMES, len(FACE)), 0.5)}, FPS)
+        whole = gltf.document["animations"]
+        for each, name in zip(whole[1:], ("walk", "idle", "shout"), strict=True):
+            each["name"] = name
+        gltf.document["animations"] = [whole[1], whole[2], own, whole[3]]
+
+    alone = read_motion(face(tmp_path / "alone.glb", FACE)).motion
+    path = rewritten(face(tmp_path / "a.glb", FACE), others)
+    read = read_motion(path)
+    np.testing.assert_array_equal(read.motion.jaw, alone.jaw)
+    assert read.notes[0] == "animation motion; --animation NAME takes another: walk, idle, shout"
+    assert read_motion(path, animation="shout").motion.jaw[0, 0] == pytest.approx(0.5 * arkit.JAW_OPEN_RAD)
+    with pytest.raises(InputError, match=r"a\.glb: animation should be one of walk, idle, motion, shout, got sing$"):
+        read_motion(path, animation="sing")
+    with pytest.raises(InputError, match=r"animation: should be used with GLB, got livelink$"):
+        read_motion(face_files.live_link(tmp_path / "a.csv"), animation="walk")
+    for name, animation in (("motion", None), ("shout", "shout")):
+        file = open_face_file(path, animation=animation)
+        assert file.notes[0].startswith(f"animation {name};")
+        (tmp_path / "out.glb").write_bytes(file.editor.edited(AddedEyes(OURS, True, 1.0)))
+        lids = {each: read_motion(tmp_path / "out.glb", animation=each).motion.lid for each in ("motion", "shout")}
+        np.testing.assert_allclose(lids.pop(name), OURS.lid, atol=1e-6)
+        assert np.ptp(lids.popitem()[1]) == 0
+
+
+def as_gltf(path: Path, uri: str) -> Path:
+    """The file as text, with its buffer at `uri`; the numbers of the buffer."""
+    data = path.read_bytes()
+    length = struct.unpack_from("<I", data, 12)[0]
+    content, binary = json.loads(data[20 : 20 + length]), data[20 + length + 8 :]
+    text = uri or f"data:application/octet-stream;base64,{base64.b64encode(binary).decode()}"
+    content["buffers"] = [{"byteLength": len(binary), "uri": text}]
+    path.with_suffix(".gltf").write_text(json.dumps(content))
+    path.with_suffix(".bin").write_bytes(binary)
+    return path.with_suffix(".gltf")
+
+
+def test_buffers_are_read_below_the_folder_of_a_gltf_alone(tmp_path: Path) -> None:
+    folder = tmp_path / "avatar"
+    (folder / "data ü").mkdir(parents=True)
+    path = face(folder / "a.glb", FACE)
+    whole = read_motion(path).motion.jaw
+    for uri in ("", "a.bin", "data%20%C3%BC/a.bin", "./a.bin"):
+        text = as_gltf(path, uri)
+        (folder / "data ü" / "a.bin").write_bytes((folder / "a.bin").read_bytes())
+        np.testing.assert_array_equal(read_motion(text).motion.jaw, whole, err_msg=uri)
+    (tmp_path / "b.bin").write_bytes((folder / "a.bin").read_bytes())
+    (folder / "link.bin").symlink_to(tmp_path / "b.bin")
+    for uri in ("../b.bin", "%2e%2e/b.bin", str(tmp_path / "b.bin"), "link.bin"):
+        with pytest.raises(InputError, match=r"a\.gltf: buffers should be in files below its folder, got "):
+            read_motion(as_gltf(path, uri))
+    for uri in ("gone.bin", "https://example.com/a.bin"):
+        with pytest.raises(InputError, match=rf"^[^\n]*a\.gltf: not a readable glTF with its buffer {uri}[^\n]*$"):
+            read_motion(as_gltf(path, uri))
 
 
 # Names of shapes.

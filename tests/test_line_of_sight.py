@@ -29,6 +29,7 @@ from talkingeyes.formats import arkit
 from talkingeyes.formats.readers.read_motion import read_motion
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.eyeball import APEX_M
+from talkingeyes.head.eyelid.gaze_controller import homogeneous
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.orchestration.config import compose
@@ -53,7 +54,7 @@ FRAMES = np.arange(len(LOOKS))
 
 def looking() -> Motion:
     """Both lines of sight meet at the targets."""
-    axes = line_of_sight.optical_axes_rad(HEAD, TARGETS_M, "world")
+    axes = line_of_sight.optical_axes_rad(HEAD, homogeneous(TARGETS_M), "world")
     return Motion.of(25.0, HEAD, rotation.eye_in_head(HEAD, axes))
 
 
@@ -209,7 +210,7 @@ def test_eyes_meet_at_the_target(tmp_path: Path, format: str) -> None:
     back = read_motion(out, 25.0).motion  # and after reading back
     if format == "vrm":
         return
-    assert np.degrees(line_of_sight.gaze_error_rad(back.head, back.gaze, TARGETS_M, "world")).max() < 0.1
+    assert np.degrees(line_of_sight.gaze_error_rad(back.head, back.gaze, homogeneous(TARGETS_M), "world")).max() < 0.1
     np.testing.assert_allclose(back.gaze, looking().gaze, atol=1e-5)
 
 
@@ -336,7 +337,7 @@ CAMERA, SIZE_PX, HEIGHT_MM = "distance=1,height=0.3", 768, 300.0  # the height 1
 
 def looking_at_the_camera(frames: int) -> Motion:
     points = np.tile(parse_camera(CAMERA).view(SIZE_PX, SIZE_PX).origin - BETWEEN_EYES_M, (frames, 1))
-    axes = line_of_sight.optical_axes_rad(np.zeros((frames, 3)), points, "world")
+    axes = line_of_sight.optical_axes_rad(np.zeros((frames, 3)), homogeneous(points), "world")
     return Motion.of(25.0, np.zeros((frames, 3)), rotation.angles_to_gaze(axes))
 
 
@@ -379,7 +380,7 @@ def test_a_picture_from_the_place_of_the_partner_shows_pupils_that_face_it(eyes:
     """The pixels: pupils lie over the centres of both eyes; optical axes lie mirror-symmetric beside them."""
     view = parse_camera(f"distance=1,height=0.13,yaw={aside_deg}").view(SIZE_PX, SIZE_PX)
     points = np.tile(view.origin - BETWEEN_EYES_M, (1, 1))
-    axes = line_of_sight.optical_axes_rad(np.zeros((1, 3)), points, "world")
+    axes = line_of_sight.optical_axes_rad(np.zeros((1, 3)), homogeneous(points), "world")
     motion = to_forward_axes(Motion.of(25.0, np.zeros((1, 3)), rotation.angles_to_gaze(axes)), eyes)
     picture = next(HeadRenderer(anny_head(), view).draw(motion)).astype(float)
     centres = view.project(anny_head().eye_centres)

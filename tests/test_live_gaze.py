@@ -23,6 +23,7 @@ from talkingeyes.animation.targets import STRAIGHT_AHEAD
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
+from talkingeyes.head.eyelid.gaze_controller import homogeneous
 from talkingeyes.physiology.saccades import sample_saccade
 
 FPS, WITHIN_S = 25.0, 0.2
@@ -60,7 +61,7 @@ def changed_at(
 
 def missed_deg(frames: StreamFrames, direction: GazeDirection) -> Float[ndarray, " T"]:
     """Angle between the line of sight of both eyes together and the target."""
-    points = np.tile(np.array(direction.target_m), (len(frames), 1))
+    points = homogeneous(np.tile(direction.target_m, (len(frames), 1)))
     wanted = line_of_sight.optical_axes_rad(frames.head, points, "world").mean(axis=1)
     space = rotation.gaze_in_space(frames.head, frames.gaze).mean(axis=1)
     return np.degrees(np.hypot(*(space - wanted).T))
@@ -76,7 +77,8 @@ def test_a_target_is_looked_at_within_200_ms_and_left_again(live: LiveModel) -> 
     missed = missed_deg(found, ASIDE)
     assert missed[on - 1] > 10.0
     assert missed[on + WITHIN - 1 : off].max() < 0.01
-    both = line_of_sight.gaze_error_rad(found.head, found.gaze, np.tile(ASIDE.target_m, (len(found), 1)), "world")
+    targets = homogeneous(np.tile(ASIDE.target_m, (len(found), 1)))
+    both = line_of_sight.gaze_error_rad(found.head, found.gaze, targets, "world")
     assert np.degrees(both[on + 25 : off]).max() < 0.1  # vergence has followed
     turned = np.degrees(rotation.direction_to_angles(rotation.rotvec_to_direction(found.head - plain.head)))
     assert abs(turned[on + WITHIN - 1, 0]) > 0.3  # the head has started
@@ -93,7 +95,7 @@ def test_eye_contact_is_made_and_broken_within_200_ms(live: LiveModel) -> None:
     }
     found, (made, broken) = changed_at(live, changes)
     space = rotation.gaze_in_space(found.head, found.gaze)
-    listener = line_of_sight.point_direction_rad(found.head, STRAIGHT_AHEAD.at(np.arange(len(found)) / FPS))
+    listener = line_of_sight.target_direction_rad(found.head, STRAIGHT_AHEAD.at(np.arange(len(found)) / FPS))
     away = np.hypot(*(line_of_sight.cyclopean_line_of_sight_rad(space) - listener).T)
     assert away[made + WITHIN - 1 : broken].max() < CONTACT_RAD
     assert away[broken + WITHIN - 1] > CONTACT_RAD
@@ -210,7 +212,7 @@ def test_a_state_takes_effect_within_200_ms_and_ends(live: LiveModel) -> None:
     for name in ("head", "gaze", "lid"):  # what was given before is not changed
         np.testing.assert_array_equal(getattr(found, name)[:listens], getattr(before, name)[:listens])
     spaces = [rotation.gaze_in_space(each.head, each.gaze) for each in (found, plain)]
-    listener = line_of_sight.point_direction_rad(found.head, STRAIGHT_AHEAD.at(np.arange(len(found)) / FPS))
+    listener = line_of_sight.target_direction_rad(found.head, STRAIGHT_AHEAD.at(np.arange(len(found)) / FPS))
     away = np.hypot(*(line_of_sight.cyclopean_line_of_sight_rad(spaces[0]) - listener).T)
     assert away[listens - 1] > CONTACT_RAD
     assert away[listens + WITHIN - 1 : listens + 2 * WITHIN].max() < CONTACT_RAD

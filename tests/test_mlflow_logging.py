@@ -154,18 +154,41 @@ def test_row_is_logged_once_with_plot_and_configuration(tmp_path, recorded_root)
     assert vae.data.tags["revision"]
     assert {file.path for file in client.list_artifacts(vae.info.run_id)} == {"plot.png", "params.json"}
     view = json.loads(json.loads(rows.tags[TAG])["state"])
-    assert "metrics.`test/gaze/corr`" in view["selectedColumns"]
+    assert "metrics.`corr. eyes`" in view["selectedColumns"]
+    assert vae.data.metrics["ties"] == 1.0
+
+
+def test_a_row_lasts_as_long_as_its_training(recorded_root):
+    log_run(recorded_root, "train", "train-vae", PARAMS, {"train"}, 90.0, Report())
+    log_run(recorded_root, "train", "train-vae", {**PARAMS, "train": {"seed": 7}}, {"train"}, 30.0, Report())
+    log_run(
+        recorded_root,
+        "report",
+        "report",
+        PARAMS,
+        set(),
+        1.0,
+        Report(rows=[MethodResult("vae", {}), MethodResult("truth", {})]),
+    )
+    client = mlflow_client(recorded_root)
+    runs = client.search_runs([client.get_experiment_by_name("experiments").experiment_id])
+    assert {run.data.tags["method"]: run.info.end_time - run.info.start_time for run in runs} == {
+        "vae": 90_000,
+        "truth": 0,
+    }
 
 
 def test_the_view_opens_on_test_and_val_with_the_tie_to_the_sound():
     figures = {"diversity_ratio", "corr", "tie_ratio", "speed_ratio", "still_fraction"}
-    assert TEST_METRICS[:2] == ("requirements_ties", "requirements_margins")
-    for metric in TEST_METRICS[2:]:
+    assert all(len(short) <= 12 for short in TEST_METRICS)  # a column's width
+    long = [*TEST_METRICS.values()]
+    assert long[:2] == ["requirements_ties", "requirements_margins"]
+    for metric in long[2:]:
         split, part, figure = metric.split("/")
         assert split == "test"
         assert part in CRITICS
         assert figure in figures
-    assert {"test/gaze/tie_ratio", "test/head/tie_ratio"} <= set(TEST_METRICS)
+    assert {"test/gaze/tie_ratio", "test/head/tie_ratio"} <= set(long)
     assert all(metric.startswith("val/") for metric in VAL_METRICS)
     state = json.loads(json.loads(saved_view())["state"])
     assert state["orderByKey"] in state["selectedColumns"]

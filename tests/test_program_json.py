@@ -69,6 +69,7 @@ LAYOUTS: dict[str, tuple[Any, float]] = {
     "Azure": (azure(), 60.0),
     "Azure in chunks": ([azure(30), azure(0, 30)], 60.0),
     "Azure in events": ([{"audioOffset": 1, "animation": json.dumps(azure(k, k + 15))} for k in (0, 15, 30)], 60.0),
+    "Azure under a key": ({"text": "hi", "visemes": [azure(0, 30), azure(30)]}, 60.0),
     "Azure in small letters": ({"frameIndex": 0, "blendShapes": azure()["BlendShapes"]}, 60.0),
     "MediaPipe in a browser": (javascript_results(), 30.0),
     "MediaPipe in Python": (

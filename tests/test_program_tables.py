@@ -64,6 +64,9 @@ FORMS: dict[str, Callable[[list[list[str]]], bytes]] = {
     "a delimiter at the ends of rows": lambda rows: written(rows).replace("\n", ",\n").replace(",\n", "\n", 1).encode(),
     "a delimiter at all ends": lambda rows: written(rows, ";").replace("\n", ";\n").encode(),
     "empty lines": lambda rows: written(rows).replace("\n", "\n\n").encode(),
+    "a title and a comment": lambda rows: ("Take 3, Anna\n# 30 fps\n\n" + written(rows, ";", ",")).encode(),
+    "names after #": lambda rows: ("# " + written(rows)).encode(),
+    "rows of empty cells at the end": lambda rows: (written(rows, ";") + 2 * (";" * 54 + "\r\n")).encode(),
 }
 
 
@@ -164,10 +167,14 @@ TIMES: dict[str, tuple[list[str], float]] = {
     "30 as ms": (rounded(30.0, 0, unit=1e3), 30.0),
     "30 as us": (rounded(30.0, 0, unit=1e6), 30.0),
     "30 in decimal commas": ([code.replace(".", ",") for code in rounded(30.0, 3)], 30.0),
+    "15 in ms": (rounded(15.0, 3), 15.0),
+    "12.5 in ms": (rounded(12.5, 3), 12.5),
     "an own rate": (rounded(27.3, 4), 27.3),
     "clock 30": (clock(30.0), 30.0),
     "clock 25": (clock(25.0), 25.0),
     "dates": ([f"2026-05-01T12:{k // 1500:02d}:{k / 25 % 60:06.3f}Z" for k in range(90)], 25.0),
+    "German dates": ([f"01.05.2026 12:00:{k / 25:06.3f}" for k in range(90)], 25.0),
+    "American dates": ([f"5/1/2026, 12:00:{k / 25:06.3f}" for k in range(90)], 25.0),
     "durations of Python": ([str(timedelta(microseconds=round(k * 1e6 / 30))) for k in range(90)], 30.0),
     "whole seconds": ([f"12:00:{k // 30:02d}" for k in range(300)], 30.0),
     "code 25": (codes(25, range(60)), 25.0),
@@ -245,7 +252,7 @@ def test_times_that_say_no_rate_are_one_line_errors(times: list[str], message: s
 
 def without_face(rows: list[list[str]], lost: range, form: str) -> list[list[str]]:
     """The rows in which a program has lost the face: no cells, empty ones, no number, or zeros of 0 shapes."""
-    cells = {"short": [], "empty": [""] * 53, "nan": ["nan"] * 52 + [""], "none": ["0.0"] * 52 + [""]}[form]
+    cells = {"short": [], "empty": [""] * 53, "nan": ["nan", "#N/A"] * 26 + [""], "none": ["0.0"] * 52 + [""]}[form]
     return [[row[0], "0", *cells] if k in lost else row for k, row in enumerate(rows, -1)]
 
 
@@ -284,6 +291,18 @@ def test_a_table_without_any_value_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text(written(without_face(take(), range(FRAMES), "empty")))
     with pytest.raises(InputError, match="should have rows with values, got none"):
+        read_motion(path)
+
+
+def test_percent_is_refused_as_percent(tmp_path: Path) -> None:
+    rows = take()
+    path = tmp_path / "a.csv"
+    path.write_text(
+        written([rows[0], *([*row[:2], *(str(100 * float(v)) for v in row[2:-1]), ""] for row in rows[1:])])
+    )
+    with pytest.raises(
+        InputError, match=r"a\.csv: coefficients should be 0 to 1, got (9\d|100).*; divide percent by 100$"
+    ):
         read_motion(path)
 
 

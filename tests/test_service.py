@@ -655,6 +655,12 @@ class TestDescription:
         assert ended.stdout.splitlines()[-1] == '{"end": true, "frames": 12}'
 
 
+def test_an_emotion_has_an_intensity_by_default() -> None:
+    asked = {"happy": None, "sad": 3, "neutral": None}
+    styles = [AnimationRequest(emotion=name, intensity=each).controls.face[0].style for name, each in asked.items()]
+    assert [style.intensity for style in styles] == [2, 3, 0]
+
+
 class TestMistakes:
     @pytest.mark.parametrize(
         ("query", "body", "status", "reason"),

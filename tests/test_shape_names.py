@@ -79,6 +79,20 @@ def test_sides_of_audio2face_are_letters_or_words() -> None:
     assert shape_names(names) == ("eyesCloseL", "eyesCloseR", "squintL", "eyesUpperLidRaiserR", "eyesLookLeft")
 
 
+def test_eyes_of_character_creator_and_mmd_are_arkits() -> None:
+    looks = ["Eye_L_Look_L", "Eye_L_Look_R", "Eye_R_Look_L", "Eye_R_Look_R", "Eye_L_Look_Up", "Eye_R_Look_Down"]
+    assert shape_names(looks) == (
+        *("eyeLookOutLeft", "eyeLookInLeft", "eyeLookInRight", "eyeLookOutRight"),
+        *("eyeLookUpLeft", "eyeLookDownRight"),
+    )
+    assert shape_names(["まばたき", "ウィンク", "ウィンク右", "ウィンク２", "ｳｨﾝｸ２右", "あ"]) == (
+        *("eyesClosed", "eyeBlinkLeft", "eyeBlinkRight", "eyeBlinkLeft", "eyeBlinkRight", "あ"),
+    )
+    assert shape_names(["Face.M_まばたき", "Face.M_あ"])[0] == "eyesClosed"
+    assert shape_names(["Fcl_ALL_Joy", "Fcl_EYE_Close", "Fcl_EYE_Close_L"])[1:] == ("eyesClosed", "eyeBlinkLeft")
+    assert shape_names(["Blink", "Blink_L", "Eyes_Blink"]) == ("eyesClosed", "eyeBlinkLeft", "eyesClosed")
+
+
 def written_json(path: Path, names: list[str], table: np.ndarray) -> Path:
     path.write_text(json.dumps({"exportFps": 30, "facsNames": names, "weightMat": table.tolist()}))
     return path
@@ -106,6 +120,24 @@ def test_a_file_says_the_same_in_each_spelling(tmp_path: Path, file: str, spelli
     assert np.abs(same.gaze).max() > 0.1
     for field in ("gaze", "lid", "jaw", "expression"):
         np.testing.assert_array_equal(getattr(found, field), getattr(same, field))
+
+
+BOTH = ("eyesClosed", "eyesLookUp", "eyesLookDown")  # of Ready Player Me, beside ARKit's
+
+
+@pytest.mark.parametrize("file", WRITERS)
+def test_shapes_of_both_eyes_count_and_do_not_double_ours(tmp_path: Path, file: str) -> None:
+    table = np.zeros((45, 55))
+    table[:, 52], table[:, 53] = weights(45, 2).T
+    path, out = WRITERS[file](tmp_path / file, [*arkit.NAMES, *BOTH], table), tmp_path / f"out{Path(file).suffix}"
+    read = read_motion(path, eyes="optical").motion
+    np.testing.assert_allclose(read.lid, np.repeat(table[:, [52]], 2, axis=1), atol=1e-9)
+    assert np.degrees(read.gaze[..., 0]).min() == pytest.approx(-37 * table[:, 53].max())
+    done = add_eyes(path, sound_file(tmp_path / "speech.wav", seconds=1.5), out, model=toy_model(tmp_path / "model"))
+    np.testing.assert_allclose(read_motion(out).motion.lid, done.animation.motion.lid, atol=1e-6)
+    content = out.read_text()
+    shared = json.loads(content)["weightMat"] if file == "a.json" else [r.split(",")[1:] for r in content.split()[1:]]
+    assert not np.array(shared, float)[:, 52:].any()
 
 
 @pytest.mark.parametrize("file", WRITERS)

@@ -17,7 +17,7 @@ from talkingeyes.core.kinematics import gaze_in_space_speed_deg_s
 from talkingeyes.physiology import saccades
 
 LAMP, CUP = ObjectTrack.fixed(0.9, 0.3, 1.2), ObjectTrack.fixed(-0.15, -0.2, 0.4)
-CAR = ObjectTrack((8.0, 12.0), ((-1.0, 0.0, 2.0), (1.0, 0.2, 2.0)))
+CAR = ObjectTrack((8.0, 12.0), ((-1.0, 0.0, 2.0, 1.0), (1.0, 0.2, 2.0, 1.0)))
 TRACK = TargetTrack(
     (Target(2.0, 4.0, "lamp"), Target(4.0, 6.0, "cup"), Target(8.0, 12.0, "car"), Target(15.0, 16.5, "listener")),
     {"lamp": LAMP, "cup": CUP, "car": CAR},
@@ -35,7 +35,7 @@ def test_lines_of_sight_meet_at_the_target(fps: float) -> None:
         assert miss[on].max() < 0.25
         landed = (times >= target.start_s + 0.4) & (times < target.end_s - 0.05)  # vergence is slower
         both = line_of_sight.cyclopean_line_of_sight_rad(rotation.gaze_in_space(made.head, made.gaze))
-        beside = np.degrees(np.hypot(*(both - line_of_sight.point_direction_rad(made.head, object_track)).T))
+        beside = np.degrees(np.hypot(*(both - line_of_sight.target_direction_rad(made.head, object_track)).T))
         assert beside[landed].max() < 1.0
         off = (times >= target.end_s + 1.0) & (times < target.end_s + 1.5)
         assert target.name == "lamp" or miss[off].max() > 2.0
@@ -116,6 +116,7 @@ JSON = {
         {"start_s": 4, "at": "camera"},
     ],
 }
+AT_INFINITY = "start_s,end_s,name,x_m,y_m,z_m,w\n1,2.5,,2,0,4,0\n3,,,2,0,4,2\n"
 CSV = "start_s,end_s,name,x_m,y_m,z_m\n1,2.5,lamp,0.9,0.3,1.2\n3,,,0.1,0,0.7\n4,,camera,,,\n"
 
 
@@ -127,8 +128,22 @@ def test_json_and_csv_say_the_same(tmp_path: Path) -> None:
     assert [(each.start_s, each.end_s) for each in one.targets] == [(1, 2.5), (3, 4), (4, np.inf)]
     for target in one.targets:
         assert one.object_track(target.name) == other.object_track(target.name)
-    assert one.object_track("car").at(np.array([1.0])).tolist() == [[0, 0, 2]]
-    assert one.object_track("camera").positions_m[0][2] > 0
+    assert one.object_track("car").at(np.array([1.0])).tolist() == [[0, 0, 2, 1]]
+    assert one.object_track("camera").positions[0][2] > 0
+
+
+def test_at_infinity_the_lines_of_sight_are_parallel(tmp_path: Path) -> None:
+    """With w = 0; a point with w = 2 is at half its coordinates."""
+    (tmp_path / "a.csv").write_text(AT_INFINITY)
+    track = load_targets(tmp_path / "a.csv")
+    assert track.object_track("target 2").positions == ((1.0, 0.0, 2.0, 1.0),)
+    made = motion(targets=track)
+    left, right = rotation.gaze_to_angles(made.gaze[60]) - line_of_sight.MEAN_KAPPA_RAD
+    np.testing.assert_allclose(np.degrees(left), np.degrees(right), atol=0.1)  # vergence has followed
+    sight = line_of_sight.cyclopean_line_of_sight_rad(rotation.gaze_in_space(made.head, made.gaze))[60]
+    np.testing.assert_allclose(np.degrees(sight), [np.degrees(np.arctan2(2, 4)), 0.0], atol=0.5)
+    near = np.tile(track.object_track("target 2").positions, (len(made), 1))
+    assert np.degrees(line_of_sight.gaze_error_rad(made.head, made.gaze, near, "world")[100:].max()) < 0.1
 
 
 @pytest.mark.parametrize(
@@ -148,6 +163,9 @@ def test_json_and_csv_say_the_same(tmp_path: Path) -> None:
         ({"targets": [{"start_s": 1, "at": [0, 0, -1]}]}, "within 75 degrees"),
         ({"targets": [{"start_s": 1, "at": [0, 0, 0.01]}]}, "0.15 m"),
         ({"targets": [{"start_s": 1, "at": [0, 0]}]}, r"positions \[x, y, z\]"),
+        ({"targets": [{"start_s": 1, "at": [0, 0, 0, 0]}]}, "a direction for w = 0"),
+        ({"targets": [{"start_s": 1, "at": [0, 0, 1, -1]}]}, "w of 0 or more"),
+        ({"targets": [{"start_s": 1, "at": [1, 0, 0, 0]}]}, "within 75 degrees"),
         ({"objects": {"lamp": {"times_s": [2, 1], "positions_m": [[0, 0, 1], [0, 0, 1]]}}}, "ascending times_s"),
         ({"frame": "head", "objects": {"lamp": [1, 0, 1], "car": [0, 0, 1]}}, "within 20 degrees"),
     ],
@@ -173,7 +191,7 @@ def test_invalid_track_file_is_one_line_error(tmp_path: Path, text: str) -> None
 
 def test_bare_name_is_a_target_throughout() -> None:
     made = motion(targets=constant_target("camera"))
-    ahead = np.tile([0.0, 0.0, 1.0], (len(made), 1))
+    ahead = np.tile([0.0, 0.0, 1.0, 1.0], (len(made), 1))
     assert np.degrees(line_of_sight.gaze_error_rad(made.head, made.gaze, ahead, "world")).max() < 0.1
     with pytest.raises(InputError, match="camera, listener or a file"):
         constant_target("moon")

@@ -31,6 +31,7 @@ from talkingeyes.core.rotation import angles_to_gaze, eye_in_head
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.formats.writers.glb import joint_offsets
 from talkingeyes.head.anny import anny_head
+from talkingeyes.head.eyelid.gaze_controller import homogeneous
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.workflows.view import build_scene, write_page
@@ -261,7 +262,7 @@ def test_gaze_rays_go_from_the_pupils_to_what_is_looked_at(place: Path, tmp_path
     """In the page of the command; the last frame has parallel lines of sight, which meet nowhere."""
     points = np.array([[0.0, 0.0, 1.0], [0.3, 0.1, 0.9], [-0.1, -0.05, 0.5]])
     head = np.array([[0.0, 0.0, 0.0], [0.0, 0.2, 0.0], [-0.05, 0.0, 0.02], [0.0, 0.0, 0.0]])
-    axes = line_of_sight.optical_axes_rad(head[:3], points, "world")
+    axes = line_of_sight.optical_axes_rad(head[:3], homogeneous(points), "world")
     axes = np.concatenate([axes, line_of_sight.MEAN_KAPPA_RAD[None]])
     Motion.of(FPS, head, eye_in_head(head, axes)).save(Path("met.npz"))
     model = anny_head()

@@ -43,7 +43,7 @@ from talkingeyes.orchestration.run import run_command
 from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.view import Framing, OrbitCamera
 
-PAPER = {"left": (0.66, 0.73), "right": (0.61, 0.799)}
+PAPER = {"left": (0.61, 0.73), "right": (0.66, 0.799)}
 LID_JITTER = 0.03
 HELD_OUT = 200
 YAWS_DEG = (0.0, 30.0, -30.0)
@@ -98,8 +98,9 @@ def sculpted(head: HeadModel, around: EyelidRegion) -> LidCurveFunction:
 
 def print_variance(head: HeadModel) -> list[EyeGeometry]:
     """Print the table of explained variance; return the models of the sculpted lids."""
-    print("variance of the coordinates explained, %        34 postures             200 held-out gazes")
-    print(f"{'lids':<22}{'eye':<7}{'stage one':>12}{'both':>8}{'stage one':>18}{'both':>8}{'both, open':>12}")
+    print(f"{'variance of the coordinates explained, %':<41}{'34 postures':<28}200 held-out gazes")
+    header = f"{'stage one':>12}{'residual':>10}{'both':>8}"
+    print(f"{'lids':<22}{'eye':<7}{header}{header}{'both, open':>12}")
     eyes = []
     for kind in ("anatomy, first person", "anatomy, second", "sculpted, by rule"):
         for eye, side in enumerate(PAPER):
@@ -116,7 +117,7 @@ def print_variance(head: HeadModel) -> list[EyeGeometry]:
             is_open = model.lid(others.angles_rad, others.curves) < 0.25
             trained, held_out = explained_variance(model, labels), explained_variance(model, others)
             print(
-                f"{kind:<22}{side:<7}{_percent(trained)}{'':10}{_percent(held_out)}"
+                f"{kind:<22}{side:<7}{_percent(trained)}{_percent(held_out)}"
                 f"{100 * explained_variance(model, others.at(is_open)).both_stages:12.1f}"
             )
             if kind.startswith("sculpted"):
@@ -196,7 +197,7 @@ def _direction(rng: Random) -> Float[ndarray, " 3"]:
 
 
 def _percent(shares: ExplainedVariance) -> str:
-    return f"{100 * shares.stage_one:12.1f}{100 * shares.both_stages:8.1f}"
+    return f"{100 * shares.stage_one:12.1f}{100 * shares.of_residual:10.1f}{100 * shares.both_stages:8.1f}"
 
 
 if __name__ == "__main__":

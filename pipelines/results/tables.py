@@ -46,6 +46,7 @@ from talkingeyes.evaluation.papers.talkingeyes_results import (
     to_json,
 )
 from talkingeyes.evaluation.papers.talkingeyes_tables import FAMILIES, REFERENCES, TABLES
+from talkingeyes.evaluation.text_tables import training_budget
 from talkingeyes.orchestration.mlflow_logging import revision
 from talkingeyes.orchestration.run import run_command
 
@@ -115,7 +116,7 @@ def compute(name: str, seed: int, params: Mapping[str, Any], configuration: str)
         seed=seed,
         configuration=configuration,
         revision=revision(),
-        budgets={row: text for row in table.rows if (text := _budget(params["model"][row]))},
+        budgets={row: text for row in table.rows if (text := training_budget(params["model"][row]))},
         splits={
             split: split_result(table, of_split, comparisons(name), settings)
             for split, of_split in rows.items()
@@ -181,12 +182,6 @@ def options(arguments: Sequence[str]) -> TableOptions:
 def _measured(by_name: Mapping[str, Sequence[RowResult]]) -> dict[str, Any]:
     """{row: what `measure_row` wrote}, of one seed."""
     return {name: json.loads(only.figures.read_text()) for name, (only,) in by_name.items()}
-
-
-def _budget(model: Mapping[str, Any]) -> str:
-    """The training of a model in words; empty for a baseline without training steps."""
-    loop = model.get("loop")
-    return f"{loop['steps']:,} × {loop['batch']} windows at {loop['learning_rate']:g}" if loop else ""
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from typing import Any
 from talkingeyes.evaluation.papers.talkingeyes_claims import CLAIMS, Claim, RankOrder, Verdict, judge, rank_order
 from talkingeyes.evaluation.papers.talkingeyes_results import SeedMean, SeedResult, SplitResult, mean_over_seeds
 from talkingeyes.evaluation.papers.talkingeyes_tables import FAMILIES, HEAD_AND_EYE_COLUMNS, TABLES, TITLES, PaperTable
-from talkingeyes.evaluation.text_tables import Column, markdown_table
+from talkingeyes.evaluation.text_tables import Column, markdown_table, training_sentence
 
 # Metrics that are shown besides the columns of the paper.
 SHOWN = {
@@ -100,15 +100,9 @@ def _table(table: PaperTable, seeds: Sequence[SeedResult]) -> str:
         lines.append([TITLES[row], *cells])
     headings = ["", *(each.heading for each in columns)]
     of = ", ".join(str(each.seed) for each in seeds)
-    text = f"{table.question} Means over the seeds {of}. {_training(budgets)}"
+    training = training_sentence({TITLES[row]: budget for row, budget in budgets.items()})
+    text = f"{table.question} Means over the seeds {of}. {training}"
     return "\n".join([f"## {table.title}", "", text, "", markdown_table(headings, lines), ""])
-
-
-def _training(budgets: Mapping[str, str]) -> str:
-    """The training of most rows, and that of the others by name."""
-    usual = max(set(budgets.values()), key=list(budgets.values()).count)
-    others = "".join(f"; {TITLES[row]}: {text}" for row, text in budgets.items() if text != usual)
-    return f"Trained with {usual}{others}."
 
 
 def _rows(seeds: Sequence[SplitResult]) -> list[str]:

@@ -57,8 +57,8 @@ class AnimationContext:
         """Seeds of an independent random stream of this sample; each step has a number of its own."""
         return [*self.seeds, number]
 
-    def listener_m(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
-        """Position of the listener in metres at each time: straight ahead, unless the target track moves it."""
+    def listener(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 4"]:
+        """Homogeneous position of the listener at each time: straight ahead, unless the target track moves it."""
         return (self.controls.targets or TargetTrack()).object_track(LISTENER).at(times_s)
 
 

@@ -3,8 +3,9 @@
 A Motion's gaze is the optical axis of each eye, which the pupil shows. The line of sight, which falls on the target,
 deviates from it by kappa (docs/conventions.md); here the mean kappa of people is used, as in the models' gaze. A head
 whose pupils lie on the forward axes of its eyes, as in rigs and in the open head, looks at the target if these axes are
-the lines of sight: `to_forward_axes`. Both eyes aim at the target, so its distance gives the vergence. Angles are (yaw,
-pitch); points are in metres from between the eyes of the head at rest.
+the lines of sight: `to_forward_axes`. Both eyes aim at the target, so its distance gives the vergence
+(`head.eyelid.gaze_controller`). Angles are (yaw, pitch); targets are homogeneous coordinates (x, y, z, w), metres from
+between the eyes of the head at rest; w = 0 is infinity.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from numpy import ndarray
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
+from talkingeyes.head.eyelid.gaze_controller import aim_eyes
 from talkingeyes.physiology import eye_head
 from talkingeyes.physiology.vergence import HALF_INTERPUPILLARY_M
 from talkingeyes.synthesis.speakers import KAPPA_DEG, KAPPA_DOWN_DEG
@@ -65,21 +67,19 @@ def _shift_gaze(motion: Motion, shift_rad: Float[ndarray, "2 2"]) -> Motion:
 
 
 def optical_axes_rad(
-    head: Float[ndarray, "T 3"], points_m: Float[ndarray, "T 3"], frame: CoordinateFrame
+    head: Float[ndarray, "T 3"], targets: Float[ndarray, "T 4"], frame: CoordinateFrame
 ) -> Float[ndarray, "T 2 2"]:
-    """Directions in space of both optical axes when the lines of sight meet at a point, clamped to the eye range."""
-    head_rotation = rotation.rotvec_to_matrix(head)
-    seen = _from_eyes(head_rotation, points_m, frame)
-    angles = rotation.direction_to_angles(seen / np.linalg.norm(seen, axis=-1, keepdims=True)) + MEAN_KAPPA_RAD
-    axes = rotation.angles_to_direction(eye_head.clamp_angles(angles))
-    return rotation.direction_to_angles(np.einsum("tij,tej->tei", head_rotation, axes))
+    """Directions in space of both optical axes when the lines of sight meet at a target, clamped to the eye range."""
+    angles = eye_head.clamp_angles(_sight_rad(head, targets, frame) + MEAN_KAPPA_RAD)
+    axes = rotation.angles_to_direction(angles)
+    return rotation.direction_to_angles(np.einsum("tij,tej->tei", rotation.rotvec_to_matrix(head), axes))
 
 
 def gaze_error_rad(
-    head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"], points_m: Float[ndarray, "T 3"], frame: CoordinateFrame
+    head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"], targets: Float[ndarray, "T 4"], frame: CoordinateFrame
 ) -> Float[ndarray, "T 2"]:
-    """Angle between the line of sight of each eye and the direction to a point."""
-    wanted = _from_eyes(rotation.rotvec_to_matrix(head), points_m, frame)
+    """Angle between the line of sight of each eye and the direction to a target."""
+    wanted = rotation.angles_to_direction(_sight_rad(head, targets, frame))
     sight = rotation.angles_to_direction(rotation.gaze_to_angles(gaze) - MEAN_KAPPA_RAD)
     beside = np.linalg.norm(np.cross(sight, wanted), axis=-1)
     return np.asarray(np.arctan2(beside, (sight * wanted).sum(axis=-1)))
@@ -90,16 +90,16 @@ def cyclopean_line_of_sight_rad(gaze_in_space_rad: Float[ndarray, "T 2 2"]) -> F
     return np.asarray(gaze_in_space_rad.mean(axis=1) - MEAN_KAPPA_RAD.mean(axis=0))
 
 
-def point_direction_rad(head: Float[ndarray, "T 3"], points_m: Float[ndarray, "T 3"]) -> Float[ndarray, "T 2"]:
-    """Direction in space to a point in world coordinates from between the eyes of a turned head."""
-    seen = points_m + BETWEEN_EYES_M - np.einsum("tij,j->ti", rotation.rotvec_to_matrix(head), BETWEEN_EYES_M)
+def target_direction_rad(head: Float[ndarray, "T 3"], targets: Float[ndarray, "T 4"]) -> Float[ndarray, "T 2"]:
+    """Direction in space to a target in world coordinates from between the eyes of a turned head."""
+    moved = BETWEEN_EYES_M - np.einsum("tij,j->ti", rotation.rotvec_to_matrix(head), BETWEEN_EYES_M)
+    seen = targets[:, :3] + targets[:, 3:] * moved
     return rotation.direction_to_angles(seen / np.linalg.norm(seen, axis=-1, keepdims=True))
 
 
-def _from_eyes(
-    head_rotation: Float[ndarray, "T 3 3"], points_m: Float[ndarray, "T 3"], frame: CoordinateFrame
-) -> Float[ndarray, "T 2 3"]:
-    """Vectors from each eye to a point, in head coordinates."""
-    if frame == "world":
-        points_m = np.einsum("tji,tj->ti", head_rotation, points_m + BETWEEN_EYES_M) - BETWEEN_EYES_M
-    return np.asarray(points_m[:, None] - EYES_M)
+def _sight_rad(
+    head: Float[ndarray, "T 3"], targets: Float[ndarray, "T 4"], frame: CoordinateFrame
+) -> Float[ndarray, "T 2 2"]:
+    """(yaw, pitch) in the head of the line of sight of each eye to a target."""
+    head = head if frame == "world" else np.zeros_like(head)
+    return aim_eyes(targets, BETWEEN_EYES_M + EYES_M, head, np.broadcast_to(-BETWEEN_EYES_M, head.shape))

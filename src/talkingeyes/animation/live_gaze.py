@@ -41,6 +41,7 @@ from talkingeyes.animation.targets import STRAIGHT_AHEAD
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import HeadMovement, Saccade
+from talkingeyes.head.eyelid.gaze_controller import homogeneous
 from talkingeyes.physiology import eye_head, saccades
 from talkingeyes.physiology.vergence import TIME_CONSTANT_S
 from talkingeyes.synthesis.gaze_aversion import AversionCause
@@ -161,7 +162,7 @@ class LiveGaze:
         """From the listener to the model's line of sight."""
         listener = STRAIGHT_AHEAD.at(trajectory.times_s)
         sight = line_of_sight.cyclopean_line_of_sight_rad(trajectory.gaze_in_space_rad)
-        return np.asarray(sight - line_of_sight.point_direction_rad(trajectory.head, listener))
+        return np.asarray(sight - line_of_sight.target_direction_rad(trajectory.head, listener))
 
     def _directed(
         self,
@@ -203,8 +204,8 @@ class LiveGaze:
     def _plan(self, direction: GazeDirection, offset_rad: Float[ndarray, " 2"], landed: bool, time_s: float) -> _Plan:
         """What gaze goes to in this frame."""
         if direction.target_m is not None:
-            points = np.array([direction.target_m])
-            return _Plan(("target", direction.target_m), target_head_contribution_rad(points, self._pointing_rad)[0])
+            targets = homogeneous(np.array([direction.target_m]))
+            return _Plan(("target", direction.target_m), target_head_contribution_rad(targets, self._pointing_rad)[0])
         wanted = direction.contact
         if wanted is None:
             return _Plan(MODEL, np.zeros(2))
@@ -276,8 +277,8 @@ class LiveGaze:
     ) -> Float[ndarray, "2 2"]:
         """Where both eyes go."""
         if direction.target_m is not None:
-            points = np.array([direction.target_m])
-            return np.asarray(line_of_sight.optical_axes_rad(head[None], points, "world")[0])
+            targets = homogeneous(np.array([direction.target_m]))
+            return np.asarray(line_of_sight.optical_axes_rad(head[None], targets, "world")[0])
         return space_rad if direction.contact is None else space_rad + self._correction_rad + self._scan_rad
 
     def _shifted(self, goal_rad: Float[ndarray, "2 2"], time_s: float) -> Float[ndarray, "2 2"]:

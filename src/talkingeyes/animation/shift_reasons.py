@@ -69,7 +69,7 @@ def shift_reasons(trajectory: GazeTrajectory, context: AnimationContext) -> tupl
 
 def _at_listener(trajectory: GazeTrajectory, context: AnimationContext) -> Bool[ndarray, " T"]:
     """Whether the line of sight is at the listener."""
-    listener = line_of_sight.point_direction_rad(trajectory.head, context.listener_m(trajectory.times_s))
+    listener = line_of_sight.target_direction_rad(trajectory.head, context.listener(trajectory.times_s))
     away = np.hypot(*(line_of_sight.cyclopean_line_of_sight_rad(trajectory.gaze_in_space_rad) - listener).T)
     return np.asarray(away <= CONTACT_RAD)
 

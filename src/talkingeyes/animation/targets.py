@@ -2,7 +2,8 @@
 
 Positions are in metres from the point between the eyes of the head at rest: +x to the subject's left, y up, +z ahead.
 In frame `world` they are fixed in space, in frame `head` they move with the head. The objects `camera` and `listener`
-are predefined, straight ahead; a track may move them and define others.
+are predefined, straight ahead; a track may move them and define others. A fourth coordinate makes a position
+homogeneous: (x, y, z, 0) is the direction (x, y, z) at infinity, where the lines of sight are parallel.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from talkingeyes.core.errors import InputError
 
 SCHEMA = "talkingeyes.targets/1"
 COLUMNS = ("start_s", "end_s", "name", "x_m", "y_m", "z_m")
+W_COLUMN = "w"  # may follow; 1 where it is empty
 DEFAULT_DISTANCE_M = 1.0
 MIN_DISTANCE_M, MAX_DISTANCE_M = 0.15, 1e6
 # Largest yaw and pitch of a target: for head and eyes together, and for the eyes alone.
@@ -33,19 +35,34 @@ MIN_TARGET_S = 0.25
 
 @dataclass(frozen=True)
 class ObjectTrack:
-    """Positions of an object at ascending times, linearly interpolated; a single one: a fixed object."""
+    """Homogeneous positions of an object at ascending times, linearly interpolated; a single one: a fixed object.
+
+    `positions`: (x, y, z, 1) in metres, or a unit direction (x, y, z, 0) at infinity.
+    """
 
     times_s: tuple[float, ...]
-    positions_m: tuple[tuple[float, float, float], ...]
+    positions: tuple[tuple[float, float, float, float], ...]
 
     @classmethod
-    def fixed(cls, x_m: float, y_m: float, z_m: float) -> ObjectTrack:
+    def fixed(cls, x: float, y: float, z: float, w: float = 1.0) -> ObjectTrack:
         """A fixed object."""
-        return cls((0.0,), ((x_m, y_m, z_m),))
+        return cls((0.0,), (normalised_position((x, y, z, w)),))
 
-    def at(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
-        """Position at each time."""
-        return np.stack([np.interp(times_s, self.times_s, axis) for axis in zip(*self.positions_m, strict=True)], -1)
+    def at(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 4"]:
+        """Homogeneous position at each time."""
+        return np.stack([np.interp(times_s, self.times_s, axis) for axis in zip(*self.positions, strict=True)], -1)
+
+
+def normalised_position(position: Sequence[float]) -> tuple[float, float, float, float]:
+    """(x, y, z, 1) of a point in three or four coordinates, or a unit direction (x, y, z, 0).
+
+    Raises ValueError for w below 0, or a direction of length 0.
+    """
+    x, y, z, w = (*position, 1.0)[:4]
+    scale = w or math.hypot(x, y, z)
+    if w < 0 or not scale:
+        raise ValueError(f"a position should have w of 0 or more, and a direction for w = 0, got {list(position)}")
+    return x / scale, y / scale, z / scale, 1.0 if w else 0.0
 
 
 STRAIGHT_AHEAD = ObjectTrack.fixed(0.0, 0.0, DEFAULT_DISTANCE_M)
@@ -117,7 +134,8 @@ def _of_json(content: Any) -> TargetTrack:
 
 def _of_csv(text: str) -> TargetTrack:
     reader = csv.DictReader(text.splitlines())
-    if set(reader.fieldnames or ()) not in (set(COLUMNS), set(COLUMNS[:3]), set(COLUMNS) - {"name"}):
+    given = set(reader.fieldnames or ()) - {W_COLUMN}
+    if given not in (set(COLUMNS), set(COLUMNS[:3]), set(COLUMNS) - {"name"}):
         raise ValueError(f"columns should be {', '.join(COLUMNS)}, got {', '.join(reader.fieldnames or ('none',))}")
     tracks: dict[str, ObjectTrack] = {}
     targets = []
@@ -127,7 +145,7 @@ def _of_csv(text: str) -> TargetTrack:
         name = row.get("name") or f"target {number}"
         position = [row.get(axis) or "" for axis in COLUMNS[3:]]
         if any(position):
-            tracks[name] = _parse_track(name, [_number(each) for each in position])
+            tracks[name] = _parse_track(name, [*map(_number, position), _number(row.get(W_COLUMN) or "1")])
         if row["start_s"]:
             targets.append((_number(row["start_s"]), _number(row["end_s"] or None), name))
     return _checked(targets, tracks, "world")
@@ -140,19 +158,22 @@ def _parse_track(name: str, value: Any) -> ObjectTrack:
         raise ValueError(f"{name} should be [x, y, z] or have times_s and positions_m, got {sorted(value)}")
     times = [_number(each) for each in value["times_s"]] if moving else [0.0]
     rows = value["positions_m"] if moving else [value]
-    if not isinstance(rows, list) or any(not isinstance(row, list) or len(row) != 3 for row in rows):
-        raise ValueError(f"{name} should have positions [x, y, z] in metres, got {rows}")
-    positions = [[_number(each) for each in row] for row in rows]
+    if not isinstance(rows, list) or any(not isinstance(row, list) or len(row) not in (3, 4) for row in rows):
+        raise ValueError(f"{name} should have positions [x, y, z] in metres or [x, y, z, w], got {rows}")
+    positions = tuple(normalised_position([_number(each) for each in row]) for row in rows)
     if not times or len(times) != len(positions) or any(b <= a for a, b in itertools.pairwise(times)):
         raise ValueError(f"{name} should have ascending times_s, one a position, got {times}")
-    return ObjectTrack(tuple(times), tuple((x, y, z) for x, y, z in positions))
+    return ObjectTrack(tuple(times), positions)
 
 
-def check_reach(name: str, position_m: Sequence[float], frame: str) -> None:
-    """Raises ValueError for a position that head and eyes (`world`), or the eyes alone (`head`), do not reach."""
-    x, y, z = position_m
+def check_reach(name: str, position: Sequence[float], frame: str) -> None:
+    """Raises ValueError for a position that head and eyes (`world`), or the eyes alone (`head`), do not reach.
+
+    `position` has three or four coordinates, as `normalised_position` takes them.
+    """
+    x, y, z, w = normalised_position(position)
     distance = math.hypot(x, y, z)
-    if not MIN_DISTANCE_M <= distance <= MAX_DISTANCE_M:
+    if w and not MIN_DISTANCE_M <= distance <= MAX_DISTANCE_M:
         raise ValueError(f"{name} should be {MIN_DISTANCE_M} m to {MAX_DISTANCE_M:g} m away, got {distance:g} m")
     yaw, pitch = math.degrees(math.atan2(x, z)), math.degrees(math.asin(y / distance))
     aside, above = MAX_ECCENTRICITY_DEG[frame]
@@ -185,7 +206,7 @@ def _checked(
     if not rows and not tracks:
         raise ValueError("should hold at least one target or object")
     for name, object_track in tracks.items():
-        for position in object_track.positions_m:
+        for position in object_track.positions:
             check_reach(name, position, frame)
     known = [CAMERA, LISTENER, *tracks]
     targets: list[Target] = []

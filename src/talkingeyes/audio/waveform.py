@@ -1,15 +1,16 @@
 """Reads speech from files of any rate, channels and format, detected by content, as 16 kHz mono float32.
 
 Channels are mixed; where that cancels them (opposite phase), the loudest is taken. WAV whose header was never completed
-(a stream, a crash) is read to its end. Supports the formats of libsndfile (wav, flac, ogg, mp3) and of PyAV (m4a, video
-with sound, raw g722 by suffix). Files are read, mixed and resampled block by block, so a sound that is too long is
-rejected before it fills memory.
+(a stream, a crash) is read to its end; odd chunks may lack their pad byte. Supports the formats of libsndfile (wav,
+flac, ogg, mp3) and of PyAV (m4a, video with sound, raw g722 by suffix). Files are read, mixed and resampled block by
+block, so a sound that is too long is rejected before it fills memory.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -33,6 +34,8 @@ BLOCK_S = 0.05
 READ_FRAMES = 1 << 18
 CANCELLED = 0.2  # of the energy that a mix of unrelated channels has
 LONG_WAVS = (b"RF64", b"BW64")  # WAV with a chunk of sizes in 64 bits, the first
+MAX_START_BYTES = 1 << 24  # of a WAV, before its sound
+SOUND_CHUNKS, CHUNK_NAME = (b"fmt ", b"data"), re.compile(rb"[A-Za-z][\w ]{3}")
 FORMAT_OF_SUFFIX = {".g722": "g722"}  # raw streams, which content does not identify
 
 
@@ -143,8 +146,9 @@ def _opened(path: Path) -> IO[bytes]:
 @contextlib.contextmanager
 def _open_stream(path: Path, file: IO[bytes]) -> Iterator[AudioStream]:
     file.seek(0)
+    start = _mended_start(file)
     try:
-        with soundfile.SoundFile(_AnonymousFile(file, _magic(file))) as sound:
+        with soundfile.SoundFile(_AnonymousFile(file, *start)) as sound:
             if sound.frames:  # or the header of a WAV counts none, and FFmpeg reads to its end
                 yield AudioStream(sound.samplerate, _libsndfile_blocks(path, sound))
                 return
@@ -152,10 +156,9 @@ def _open_stream(path: Path, file: IO[bytes]) -> Iterator[AudioStream]:
         pass
     import av
 
-    file.seek(0)
     try:
         container = av.open(
-            _AnonymousFile(file),
+            _AnonymousFile(file, *start),
             format=FORMAT_OF_SUFFIX.get(path.suffix.lower()),
             options={"protocol_whitelist": "none"},
         )
@@ -169,15 +172,28 @@ def _open_stream(path: Path, file: IO[bytes]) -> Iterator[AudioStream]:
 
 
 class _AnonymousFile:
-    """A file without its name, so that readers detect the format from content alone; `magic`: its first bytes."""
+    """A file without its name, so that readers detect the format from content alone; `start` is read for its first
+    `replaced` bytes."""
 
-    def __init__(self, file: IO[bytes], magic: bytes = b"") -> None:
-        self.seek, self.tell = file.seek, file.tell
-        self._file, self._magic = file, magic
+    def __init__(self, file: IO[bytes], start: bytes = b"", replaced: int = 0) -> None:
+        self._file, self._start, self._position = file, start, 0
+        self._longer = len(start) - replaced
+
+    def tell(self) -> int:
+        return self._position
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        size = os.fstat(self._file.fileno()).st_size + self._longer
+        self._position = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: size}[whence]
+        return self._position
 
     def read(self, size: int = -1) -> bytes:
-        start, content = self.tell(), self._file.read(size)
-        return self._magic[start : start + len(content)] + content[max(len(self._magic) - start, 0) :]
+        rest = max(self._position, len(self._start))
+        first = self._start[self._position :] if size < 0 else self._start[self._position : self._position + size]
+        self._file.seek(rest - self._longer)
+        content = first + self._file.read(-1 if size < 0 else size - len(first))
+        self._position += len(content)
+        return content
 
     def readinto(self, buffer: Any) -> int:
         content = self.read(len(buffer))
@@ -185,14 +201,30 @@ class _AnonymousFile:
         return len(content)
 
 
-def _magic(file: IO[bytes]) -> bytes:
-    """The first four bytes of a file; of a long WAV without its sizes, those of a WAV that ends with the file."""
-    head = file.read(36)
-    file.seek(0)
-    if head[:4] not in LONG_WAVS or len(head) < 36:
-        return head[:4]
-    known = 0 < struct.unpack_from("<Q", head, 28)[0] <= os.fstat(file.fileno()).st_size
-    return LONG_WAVS[0] if known else b"RIFF"
+def _mended_start(file: IO[bytes]) -> tuple[bytes, int]:
+    """What decoders should read for the first bytes of a file, and for how many.
+
+    A long WAV without its sizes starts as a WAV that ends with the file; odd chunks before the sound get the pad byte
+    that some programs leave out.
+    """
+    start = file.read(12)
+    if start[:4] not in (b"RIFF", *LONG_WAVS) or start[8:12] != b"WAVE":
+        return b"", 0
+    parts, chunk = [start], file.read(8)
+    while len(chunk) == 8 and chunk[:4] != b"data":
+        (size,) = struct.unpack_from("<I", chunk, 4)
+        if file.tell() + size > MAX_START_BYTES:
+            break
+        body, following = file.read(size), file.read(8)
+        if size % 2 and (following[1:5] in SOUND_CHUNKS or not CHUNK_NAME.match(following)):  # padded
+            body, following = body + following[:1], following[1:] + file.read(1)
+        parts += [chunk, body.ljust(size + size % 2, b"\0")]
+        chunk = following
+    end = file.tell()
+    if start[:4] in LONG_WAVS and len(parts) > 2:
+        known = 0 < struct.unpack_from("<Q", parts[2].ljust(16, b"\0"), 8)[0] <= os.fstat(file.fileno()).st_size
+        parts[0] = start if known else b"RIFF" + start[4:]
+    return b"".join([*parts, chunk]), end
 
 
 def _libsndfile_blocks(path: Path, sound: soundfile.SoundFile) -> Iterator[Float[ndarray, "N C"]]:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from talkingeyes.cli.conversion import Joints
+from talkingeyes.cli.conversion import AnimationName, Joints
 from talkingeyes.cli.performance_options import (
     BlinkLiveliness,
     Blinks,
@@ -48,6 +48,7 @@ def add_eyes(
         typer.Option(help="Forward axes of the eyes in the file: visual or optical. Default: as the format has them."),
     ] = None,
     joint: Joints = None,
+    animation: AnimationName = None,
     blinks: Blinks = "physiological",
     target: Target = None,
     eye_contact: EyeContact = None,
@@ -97,6 +98,7 @@ def add_eyes(
         blend=blend,
         eyes=eyes,
         joints=parse_joints(joint or ()),
+        animation=animation,
         force=force,
     )
     motion = done.animation.motion

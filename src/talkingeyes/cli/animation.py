@@ -138,7 +138,7 @@ def animate(
     if text is None:
         _animate_one(sounds[0], out, options, model, force)
         return
-    from talkingeyes.workflows.direct import default_intensity
+    from talkingeyes.models.face.style import default_intensity
     from talkingeyes.workflows.speak import speak
 
     emotion_intensity = default_intensity(emotion, intensity)

@@ -16,6 +16,11 @@ Joints = Annotated[
     ),
 ]
 
+AnimationName = Annotated[
+    str | None,
+    typer.Option("--animation", help="Name of an animation of a GLB. Default: the first that moves the face."),
+]
+
 
 def export_motion(
     motion: Annotated[Path, typer.Argument(metavar="MOTION", help="A motion (.npz).")],
@@ -85,6 +90,7 @@ def import_motions(
         typer.Option(help="Forward axes of the eyes in the files: visual or optical. Default: as the format has them."),
     ] = None,
     joint: Joints = None,
+    animation: AnimationName = None,
     expression: Annotated[bool, typer.Option(help="Keep jaw and expression.")] = True,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
 ) -> None:
@@ -94,7 +100,15 @@ def import_motions(
 
     joints = parse_joints(joint or ())
     for done in import_files(
-        files, out, fps=fps, mapping=mapping, eyes=eyes, joints=joints, expression=expression, force=force
+        files,
+        out,
+        fps=fps,
+        mapping=mapping,
+        eyes=eyes,
+        joints=joints,
+        animation=animation,
+        expression=expression,
+        force=force,
     ):
         motion = done.read.motion
         typer.echo(f"{done.name}: {done.read.format}, {motion.seconds:.2f} s at {motion.fps:g} fps")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -15,6 +16,22 @@ class Column:
     heading: str
     metric: str
     digits: int = 3
+
+
+def training_budget(model: Mapping[str, Any]) -> str:
+    """The training of a model, by its settings, in words; empty for one without training steps."""
+    loop = model.get("loop")
+    return f"{loop['steps']:,} × {loop['batch']} windows at {loop['learning_rate']:g}" if loop else ""
+
+
+def training_sentence(budgets: Mapping[str, str]) -> str:
+    """The training of most rows, and that of the others by title; empty without any."""
+    known = {title: budget for title, budget in budgets.items() if budget}
+    if not known:
+        return ""
+    usual = max(set(known.values()), key=list(known.values()).count)
+    others = "".join(f"; {title}: {budget}" for title, budget in known.items() if budget != usual)
+    return f"Trained with {usual}{others}."
 
 
 def markdown_row(cells: Sequence[str]) -> str:

@@ -9,7 +9,8 @@ depends on neither gaze nor closure. Our copy of the paper lacks the equations, 
         of pixels in E1 and E2. Skin is redder than the eye. w (1 - w) d^2 is the variance explained by the split;
         minimising -d alone would favour a narrow slit inside the sclera
     (3) minimise over a1, a2   mean of (R - S)^2 over E1 and E2 as given by (2), where S is the mean red of each region
-        (the paper picks these two colours by hand). Solutions with an iris lighter than the sclera are penalised
+        (the paper averages the two colours in one camera image and amplifies their contrast). Solutions with an iris
+        lighter than the sclera are penalised
 
 (2) starts from gaze straight ahead, (3) from the best point of a grid; the two steps alternate until gaze converges.
 Region edges are one pixel soft, so the energies are smooth. A nearly closed eye is flagged and its gaze is NaN.

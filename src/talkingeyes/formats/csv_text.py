@@ -1,7 +1,8 @@
 """The text of a CSV table and the form in which a program or a spreadsheet wrote it.
 
 UTF-8 or UTF-16 with or without a byte order mark, otherwise Latin-1; commas, semicolons, tabs or bars between cells;
-0.5 or 0,5; plain or gzipped; with the line `sep=;` of spreadsheets before the names, or without.
+0.5 or 0,5; plain or gzipped. Before the names may stand the line `sep=;` of spreadsheets, and lines of few cells (a
+title, comments); after the rows, lines of empty cells.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-1
 MARK = "\ufeff"
 DELIMITERS = ",;\t|"
 SEPARATOR_LINE = re.compile(rf"sep=([{DELIMITERS}])\s*")
-NOTHING = ("", "nan", "NaN", "-nan", "-nan(ind)", "NA", "N/A", "null", "None")  # in a cell without a number
+TITLE_LINES = 20  # at most, before the names
+_NOTHING = "nan -nan -nan(ind) -1.#IND 1.#QNAN NA N/A n/a null NULL None - #N/A #NV #DIV/0! #NUM! #VALUE! #WERT!"
+NOTHING = ("", "NaN", *_NOTHING.split())  # in a cell without a number
 CELL = re.compile(r'^([ \t]*"?[ \t]*).*?(\s*"?\s*)$', re.DOTALL)
 DECIMAL = re.compile(r"[-+]?\d*([.,])\d+(?:[eE][-+]?\d+)?")
 
@@ -39,13 +42,20 @@ class CsvText:
 
     @property
     def names(self) -> list[str]:
-        """The names of the columns, without quotes."""
-        return next(self._cells([self.lines[self.header].lstrip(MARK)]))
+        """The names of the columns, without quotes; numpy writes `#` before them."""
+        return next(self._cells([self.lines[self.header].lstrip(f"{MARK}# ")]))
+
+    @property
+    def row_lines(self) -> list[int]:
+        """Where the rows stand among the lines; those of empty cells at the end, which spreadsheets write, are none."""
+        empty = f'{self.delimiter}" \r\n'
+        last = max((k for k, line in enumerate(self.lines) if line.strip(empty)), default=0)
+        return [k for k, line in enumerate(self.lines[: last + 1]) if k > self.header and line.strip()]
 
     @property
     def rows(self) -> list[str]:
         """The lines of the rows."""
-        return [line for line in self.lines[self.header + 1 :] if line.strip()]
+        return [self.lines[k] for k in self.row_lines]
 
     def encoded(self, lines: list[str]) -> bytes:
         """The content of the file with other lines."""
@@ -90,13 +100,29 @@ def open_csv(path: Path) -> CsvText:
         content = _inflated(content) if path.suffix.lower() == ".gz" else content
         encoding = encoding_of(content)
         lines = list(io.StringIO(content.decode(encoding), newline=""))
-        header = next(k for k, line in enumerate(lines) if line.strip(f"{MARK} \r\n"))
-        stated = SEPARATOR_LINE.fullmatch(lines[header].lstrip(MARK))
-        names = lines[header + 1] if stated else lines[header]
-        delimiter = stated[1] if stated else max(DELIMITERS, key=re.sub('"[^"]*"', "", names).count)
+        plain = [(k, line.lstrip(MARK)) for k, line in enumerate(lines) if line.strip(f"{MARK} \r\n")]
+        stated = next((match for _, line in plain[:1] if (match := SEPARATOR_LINE.fullmatch(line))), None)
+        header, names = _line_of_names(plain[bool(stated) :])
+        delimiter = stated[1] if stated else _delimiter(names)
         if names.count(delimiter) >= MAX_COLUMNS:
             raise ValueError(f"should have at most {MAX_COLUMNS:,} columns, got {names.count(delimiter) + 1:,}")
-        return CsvText(path, encoding, lines, header + bool(stated), delimiter).with_decimal()
+        return CsvText(path, encoding, lines, header, delimiter).with_decimal()
+
+
+def _line_of_names(lines: list[tuple[int, str]]) -> tuple[int, str]:
+    """The first of some lines with their places that has at least half as many cells as the widest."""
+    if not lines:
+        raise ValueError("should have a line of names")
+    widths = [_unquoted(line).count(_delimiter(line)) for _, line in lines[:TITLE_LINES]]
+    return next(line for line, width in zip(lines, widths, strict=False) if 2 * width >= max(widths))
+
+
+def _delimiter(line: str) -> str:
+    return max(DELIMITERS, key=_unquoted(line).count)
+
+
+def _unquoted(line: str) -> str:
+    return re.sub('"[^"]*"', "", line)
 
 
 def encoding_of(content: bytes) -> str:

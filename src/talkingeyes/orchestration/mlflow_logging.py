@@ -22,7 +22,7 @@ from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Any
 
-from talkingeyes.orchestration.mlflow_view import TAG, saved_view
+from talkingeyes.orchestration.mlflow_view import TAG, saved_view, shown_metrics
 
 # Limits of one call of log_batch.
 METRICS_PER_BATCH, PARAMS_PER_BATCH, PARAM_LENGTH = 900, 100, 6000
@@ -56,11 +56,12 @@ class Report:
     artifacts: Sequence[Path] = ()
     rows: Sequence[MethodResult] = ()
     history: Sequence[Mapping[str, float]] = ()
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)
 class _Run:
-    """Content of one MLflow run."""
+    """Content of one MLflow run; `seconds` is the duration that it shows."""
 
     name: str
     params: Mapping[str, Any]
@@ -68,6 +69,7 @@ class _Run:
     tags: Mapping[str, str]
     artifacts: Sequence[Path]
     history: Sequence[Mapping[str, float]] = ()
+    seconds: float = 0.0
 
 
 def log_run(
@@ -81,7 +83,7 @@ def log_run(
     overrides: Sequence[str] = (),
     data: Path | None = None,
 ) -> None:
-    """Log one call of a stage with the sections that it used, and its rows.
+    """Log one call of a stage with the sections that it used, and its rows, whose duration is that of their training.
 
     `overrides` are the Hydra overrides of the composition (key=value). `data` is the folder that the path of the corpus
     is relative to, if not `root`. A row that exists already is not repeated.
@@ -95,7 +97,10 @@ def log_run(
         key: value for key, value in flat.items() if any(f"{key}.".startswith(f"{each}.") for each in sections_read)
     }
     metrics = {**report.metrics, "seconds": seconds}
-    run = _Run(name, of_stage, metrics, {"stage": stage, **tags}, report.artifacts, report.history)
+    of_run = {"stage": stage, **tags}
+    if stage == "train":
+        of_run["training"] = _training_key(name.removeprefix("train-"), params)
+    run = _Run(name, of_stage, metrics, of_run, report.artifacts, report.history, seconds)
     with exclusive(root):
         of_stages = get_experiment(client, root, "stages", {})
         _end_killed(client, of_stages)
@@ -108,10 +113,25 @@ def log_run(
         parent = {MLFLOW_PARENT: _study_run(client, experiment, study, tags)} if study else {}
         for row in report.rows:
             of_row = _run_of(row, params, tags, overrides)
-            of_row = replace(of_row, tags={**of_row.tags, **parent})
+            seconds = _training_seconds(client, of_stages, _training_key(row.name, params))
+            of_row = replace(of_row, tags={**of_row.tags, **parent}, seconds=seconds)
             same = f"tags.key = '{of_row.tags['key']}' and attributes.status = 'FINISHED'"
             if not client.search_runs([experiment], same, max_results=1):
                 client.log_text(_log(client, experiment, of_row), json.dumps(params, indent=1), "params.json")
+
+
+def _training_key(method: str, params: Mapping[str, Any]) -> str:
+    """A hash of what a training depends on, by which a row finds the run of its training."""
+    own = method_parameters(method, params)
+    of_training = {key: own[key] for key in own if key.split(".")[0] in ("model", "pretrain", "train")}
+    content = json.dumps([method, params.get("corpus"), of_training], sort_keys=True, default=str)
+    return hashlib.sha256(content.encode()).hexdigest()[:16]
+
+
+def _training_seconds(client: Any, stages: str, key: str) -> float:
+    """Duration of the latest run of this training; 0 for a row without one."""
+    found = client.search_runs([stages], f"tags.training = '{key}'", order_by=["start_time DESC"], max_results=1)
+    return float(found[0].data.metrics["seconds"]) if found else 0.0
 
 
 def log_study(root: Path, study: str, objective: Mapping[str, Any], report: Report) -> None:
@@ -213,7 +233,7 @@ def _run_of(row: MethodResult, params: Mapping[str, Any], tags: Mapping[str, str
     if overrides:
         more["overrides"] = " ".join(overrides)
     name = run_name(row.name, params, tags["experiment"], overrides)
-    return _Run(name, own, row.metrics, {**tags, **more}, row.artifacts)
+    return _Run(name, own, {**row.metrics, **shown_metrics(row.metrics)}, {**tags, **more}, row.artifacts)
 
 
 def _given(overrides: Sequence[str]) -> dict[str, str]:
@@ -297,9 +317,11 @@ def exclusive(root: Path) -> AbstractContextManager[Any]:
 
 def _log(client: Any, experiment: str, run: _Run) -> str:
     """Create a run, write it, and return its id."""
-    run_id: str = client.create_run(experiment, run_name=run.name, tags=dict(run.tags)).info.run_id
+    end = int(1000 * time.time())
+    start = end - int(1000 * run.seconds)
+    run_id: str = client.create_run(experiment, start, dict(run.tags), run.name).info.run_id
     _write(client, run_id, run)
-    client.set_terminated(run_id)
+    client.set_terminated(run_id, end_time=end)
     return run_id
 
 

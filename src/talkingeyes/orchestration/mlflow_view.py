@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import sqlite3
 import sys
+from collections.abc import Iterable, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -22,24 +23,25 @@ from talkingeyes.core.errors import InputError
 # Columns of the table, and axes of the charts; a run without one of them is not drawn there. Motion must be like motion
 # (diversity, speed; ratios to the truth) and follow its sound (the tie: Corr. less that under other sounds of the
 # speaker, as a ratio to fitted motion).
-TEST_METRICS = (
-    "requirements_ties",
-    "requirements_margins",
-    "test/gaze/diversity_ratio",
-    "test/gaze/speed_ratio",
-    "test/gaze/corr",
-    "test/gaze/tie_ratio",
-    "test/gaze_in_space/still_fraction",
-    "test/head/diversity_ratio",
-    "test/head/speed_ratio",
-    "test/head/corr",
-    "test/head/tie_ratio",
-)
+# A column shows twelve letters, so these are logged a second time under names of that length, to three decimals.
+TEST_METRICS = {
+    "ties": "requirements_ties",
+    "margins": "requirements_margins",
+    "div. eyes": "test/gaze/diversity_ratio",
+    "speed eyes": "test/gaze/speed_ratio",
+    "corr. eyes": "test/gaze/corr",
+    "tie eyes": "test/gaze/tie_ratio",
+    "still gaze": "test/gaze_in_space/still_fraction",
+    "div. head": "test/head/diversity_ratio",
+    "speed head": "test/head/speed_ratio",
+    "corr. head": "test/head/corr",
+    "tie head": "test/head/tie_ratio",
+}
 # Metrics by which models, settings and sweeps are chosen; runs of sweeps may have no results on test.
 VAL_METRICS = ("val/eye_speed_ratio", "val/corr", "val/tie", "val/corr_head", "val/tie_head", "val/dynamics_distance")
 TAGS = ("experiment", "seed", "split", "corpus", "revision")
 # The table opens sorted by the ties to speech that a row meets, the most first.
-ORDER_BY = "metrics.`requirements_ties`"
+ORDER_BY = "metrics.`ties`"
 
 NAME = "Comparison"
 TAG = "mlflow.sharedViewState.comparison"
@@ -47,6 +49,11 @@ TAG = "mlflow.sharedViewState.comparison"
 PAGE = (
     "/#/experiments/{experiment}/runs?workflowType=machine_learning&compareRunsMode={mode}&viewStateShareKey=comparison"
 )
+
+
+def shown_metrics(metrics: Mapping[str, float]) -> dict[str, float]:
+    """Those of a row that the table shows, by their short names."""
+    return {short: round(metrics[name], 3) for short, name in TEST_METRICS.items() if name in metrics}
 
 
 def page(experiment: str, mode: str = "TABLE") -> str:
@@ -72,7 +79,7 @@ def _column(metric: str) -> str:
     return f"metrics.`{metric}`"
 
 
-def _lines(name: str, metrics: tuple[str, ...]) -> dict[str, Any]:
+def _lines(name: str, metrics: Iterable[str]) -> dict[str, Any]:
     """A parallel coordinates chart, one line per run."""
     chosen = {"selectedParams": [], "selectedMetrics": list(metrics), "showAllRuns": False}
     return {**_chart(name, "PARALLEL"), **chosen}

@@ -79,6 +79,7 @@ def add_eyes(
     blend: float = 1.0,
     eyes: str | None = None,
     joints: Mapping[str, str] | None = None,
+    animation: str | None = None,
     force: bool = False,
 ) -> EyesAdded:
     """Put gaze, vergence, lids, blinks and head motion, sampled for speech, into a copy of a file of another program.
@@ -87,7 +88,8 @@ def add_eyes(
     share of ours in channels that the file has: 0 keeps them and adds what is missing, 1 replaces them. `fps` is for
     files that do not say their rate; `eyes` says what the forward axes of the eyes are (`export`), by default what the
     file states or its format usually has; `joints` are names of joints of a GLB (left_eye, right_eye, head, neck, jaw),
-    by default those that are found. Other options are those of `animate`.
+    by default those that are found; `animation` is the name of one of its animations, by default the first that moves
+    the face. Other options are those of `animate`.
 
     Raises InputError (one line) for invalid arguments, and files that have no place for eyes.
     """
@@ -97,8 +99,8 @@ def add_eyes(
     options = EyeOptions(seed, controls, keep_head, blend)
     if eyes is not None:
         check_forward_axis(eyes)
-    output_path = check_output_file(Path(out), path.suffix, force)
-    file = open_face_file(path, fps, eyes, joints)
+    output_path = check_output_file(Path(out), path.suffix, force, [path])
+    file = open_face_file(path, fps, eyes, joints, animation)
     content, added = edit_face(file, load_speech(speech), load_performer(model), options)
     with writing(out), atomic_write(output_path) as partial:
         partial.write_bytes(content)
@@ -114,7 +116,7 @@ def edit_face(
 
     frames, has_head, rate = len(file.motion), file.editor.has_head, file.motion.fps
     with_head = has_head and not options.keep_head
-    notes = _notes(len(sound) / SAMPLE_RATE, file.motion, has_head)
+    notes = (*file.notes, *_notes(len(sound) / SAMPLE_RATE, file.motion, has_head))
     steps = math.ceil(file.motion.seconds * performer.fps - 1e-6)  # frames of the model, which cover the file
     samples = math.ceil(steps / performer.fps * SAMPLE_RATE)
     fitted = np.pad(sound[:samples], (0, max(samples - len(sound), 0)))
@@ -127,6 +129,8 @@ def edit_face(
     written = file.read_back(content)
     if options.blend > 0 and not (written.gaze.any() or written.lid.any()):
         notes += ("no eyes are read in the written file: its readers know no place for them",)
+    elif options.blend > 0 and shown.gaze.any() and not written.gaze.any():
+        notes += ("no place for gaze in the file: no saccades",)
     elif options.blend > 0 and shown.lid.any() and not written.lid.any():
         notes += ("no place for lids in the file: no blinks",)
     return content, EyesAdded(file.format, animation, detect_events(written), notes)

@@ -104,7 +104,9 @@ def export(
     if frame is not None and named not in MESH_FORMATS:
         raise InputError(f"frame: should be used with {' and '.join(MESH_FORMATS)} only, got {named}")
     check_forward_axis(eyes)
-    output_path = check_output_file(Path(out), FORMATS[named].suffix, force)
+    output_path = check_output_file(
+        Path(out), FORMATS[named].suffix, force, [Path(motion)] if isinstance(motion, Path | str) else []
+    )
     shown, events = _motion_and_events(motion)
     if keys is not None:
         from talkingeyes.animation.event_keys import apply_key_edits, load_keys
@@ -222,13 +224,15 @@ def import_files(
     mapping: Path | str | None = None,
     eyes: str | None = None,
     joints: Mapping[str, str] | None = None,
+    animation: str | None = None,
     expression: bool = True,
     force: bool = False,
 ) -> list[ImportedFile]:
     """Write the motions of external files as Motion files: one as `out`.npz, or any number into a folder.
 
     `fps` is for files without a frame rate, `mapping` a key map; `eyes` is as for `export`, by default what the format
-    usually holds; `joints` are names of joints of a GLB, as for `add_eyes`; without `expression`, the face is dropped.
+    usually holds; `joints` and `animation` are names in a GLB, as for `add_eyes`; without
+    `expression`, the face is dropped.
     """
     from talkingeyes.core.progress import progress_bar
     from talkingeyes.formats.readers.key_map import load_key_map
@@ -239,14 +243,16 @@ def import_files(
     if single and len(found) > 1:
         raise InputError(f"{out}: should be a folder for {len(found)} files")
     output_path = (
-        check_output_file(Path(out), ".npz", force)
+        check_output_file(Path(out), ".npz", force, list(found.values()))
         if single
         else output_folder.output_path(Path(out), OWN_FILES, force)
     )
+    if any(path.resolve().is_relative_to(output_path) for path in found.values()) and not single:
+        raise InputError(f"{out}: should be another folder than that of the input")
     key_map = None if mapping is None else load_key_map(Path(mapping))
     done = []
     for name, path in progress_bar(found.items(), "import", len(found)):
-        read = read_motion(path, fps, key_map, eyes, joints)
+        read = read_motion(path, fps, key_map, eyes, joints, animation)
         done.append(ImportedFile(name, read if expression else replace(read, motion=_without_face(read.motion))))
     with writing(out, "file" if single else "folder"):
         return _saved(done, output_path, single)

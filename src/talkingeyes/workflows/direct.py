@@ -19,10 +19,9 @@ from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
 from talkingeyes.fitting.motion_style import MotionStyle, measure_style
-from talkingeyes.models.face.style import FaceStyle, StyleKey
+from talkingeyes.models.face.style import FaceStyle, StyleKey, default_intensity
 
 TRACK_SUFFIXES = (".json", ".csv")
-DEFAULT_INTENSITY = 2
 STYLE_FPS = 25.0  # frame rate at which saccades are counted
 
 
@@ -68,13 +67,6 @@ def make_controls(
         face=(StyleKey(0.0, FaceStyle(speaker, emotion, default_intensity(emotion, intensity))),),
         parts=PartOverrides(tuple(without), {part: Motion.load(Path(path)) for part, path in replaced.items()}),
     )
-
-
-def default_intensity(emotion: str, intensity: int | None) -> int:
-    """The intensity of an emotion, with its default."""
-    if intensity is not None:
-        return intensity
-    return 0 if emotion == "neutral" else DEFAULT_INTENSITY
 
 
 def _track(target: Path | str) -> TargetTrack:

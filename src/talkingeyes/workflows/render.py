@@ -7,7 +7,7 @@ atomically.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -174,12 +174,14 @@ def _within(name: str, value: int, bounds: tuple[int, int]) -> None:
         raise InputError(f"{name}: should be {bounds[0]} to {bounds[1]} pixels, got {value}")
 
 
-def check_output_file(out: Path, suffix: str, force: bool) -> Path:
-    """Check the output file before any work is done."""
+def check_output_file(out: Path, suffix: str, force: bool, inputs: Sequence[Path] = ()) -> Path:
+    """Check the output file before any work is done; it is never one of the inputs."""
     if out.suffix != suffix:
         raise InputError(f"{out}: should be a name that ends in {suffix}")
     if out.is_dir() or not out.resolve().parent.is_dir():
         raise InputError(f"{out}: should be a file in a folder that exists")
+    if any(out.exists() and each.exists() and out.samefile(each) for each in inputs):
+        raise InputError(f"{out}: should be another file than the input")
     if out.exists() and not force:
         raise InputError(f"{out}: should be a new file, got an existing one; overwrite it with --force")
     return out

@@ -62,7 +62,7 @@ def set_eye_contact(
 
     `stream` seeds the aversions, whose directions are those of their `cause`.
     """
-    listener = line_of_sight.point_direction_rad(trajectory.head, context.listener_m(trajectory.times_s))
+    listener = line_of_sight.target_direction_rad(trajectory.head, context.listener(trajectory.times_s))
     offset = line_of_sight.cyclopean_line_of_sight_rad(trajectory.gaze_in_space_rad) - listener
     near = gaussian_filter1d(np.hypot(*offset.T), SMOOTHING_S * trajectory.fps, mode="nearest")
     trajectory = split_fixations(trajectory, _span_edges(trajectory, spans))
@@ -76,11 +76,11 @@ def set_eye_contact(
 
 
 def eye_contact_fraction(
-    head: Float[ndarray, "T 3"], gaze_in_space_rad: Float[ndarray, "T 2 2"], listener_m: Float[ndarray, "T 3"]
+    head: Float[ndarray, "T 3"], gaze_in_space_rad: Float[ndarray, "T 2 2"], listener: Float[ndarray, "T 4"]
 ) -> float:
     """The fraction of frames in which the line of sight is within `CONTACT_RAD` of the listener."""
-    offset = line_of_sight.cyclopean_line_of_sight_rad(gaze_in_space_rad) - line_of_sight.point_direction_rad(
-        head, listener_m
+    offset = line_of_sight.cyclopean_line_of_sight_rad(gaze_in_space_rad) - line_of_sight.target_direction_rad(
+        head, listener
     )
     return float((np.hypot(*offset.T) <= CONTACT_RAD).mean())
 

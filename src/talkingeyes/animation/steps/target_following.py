@@ -42,11 +42,11 @@ MIN_INTERVAL_S = 0.15
 
 @dataclass(frozen=True)
 class _Segment:
-    """From `start_s` on gaze is at `points_m`, a location per frame of `part`; None: at the model's gaze."""
+    """From `start_s` on gaze is at `targets`, homogeneous coordinates a frame of `part`; None: at the model's gaze."""
 
     start_s: float
     part: slice
-    points_m: Float[ndarray, "N 3"] | None
+    targets: Float[ndarray, "N 4"] | None
 
 
 @dataclass
@@ -79,10 +79,10 @@ def apply_targets(trajectory: GazeTrajectory, context: AnimationContext) -> Gaze
     before = [each for each in own.saccades if each.onset_s < segments[0].start_s]
     gaze = _Gaze(own.cyclopean_rad.copy(), own.half_vergence_rad.copy(), before)
     for segment in segments:
-        if segment.points_m is None:
+        if segment.targets is None:
             _return_to_model(gaze, own, segment, trajectory)
         else:
-            goal = line_of_sight.optical_axes_rad(trajectory.head[segment.part], segment.points_m, track.frame)
+            goal = line_of_sight.optical_axes_rad(trajectory.head[segment.part], segment.targets, track.frame)
             _saccade_to(gaze, segment, trajectory, goal.mean(axis=1), (goal[:, 0] - goal[:, 1]) / 2.0)
     space = np.stack([gaze.cyclopean_rad + gaze.half_vergence_rad, gaze.cyclopean_rad - gaze.half_vergence_rad], axis=1)
     return replace(trajectory, gaze_in_space_rad=space, saccades=tuple(gaze.saccades))
@@ -177,7 +177,7 @@ def _head_rotation_rad(trajectory: GazeTrajectory, segments: list[_Segment]) -> 
     moves: list[HeadMovement] = []
     now = np.zeros(2)
     for segment in segments:
-        level = target_head_contribution_rad(segment.points_m, pointing[segment.part].mean(axis=0))
+        level = target_head_contribution_rad(segment.targets, pointing[segment.part].mean(axis=0))
         step = level[0] - now
         if (size := float(np.hypot(*step))) > MIN_STEP_RAD:
             onset = segment.start_s + HEAD_LAG_S if segment.part.start else -1.0
@@ -191,12 +191,12 @@ def _head_rotation_rad(trajectory: GazeTrajectory, segments: list[_Segment]) -> 
 
 
 def target_head_contribution_rad(
-    points_m: Float[ndarray, "N 3"] | None, pointing_rad: Float[ndarray, " 2"]
+    targets: Float[ndarray, "N 4"] | None, pointing_rad: Float[ndarray, " 2"]
 ) -> Float[ndarray, "N 2"]:
-    """Rotation (yaw, pitch) that a head that points somewhere adds for targets at points; 0 without points."""
-    if points_m is None:
+    """Rotation (yaw, pitch) that a head that points somewhere adds for targets; 0 without them."""
+    if targets is None:
         return np.zeros((1, 2))
-    angles = rotation.direction_to_angles(points_m / np.linalg.norm(points_m, axis=-1, keepdims=True))
+    angles = rotation.direction_to_angles(targets[:, :3] / np.linalg.norm(targets[:, :3], axis=-1, keepdims=True))
     beside = angles - pointing_rad
     left = beside - eye_head.head_contribution(beside, HEAD_THRESHOLD_RAD, HEAD_GAIN)
     return np.asarray(beside - np.clip(left, *COMFORT_RANGE_RAD))

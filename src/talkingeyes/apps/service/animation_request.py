@@ -12,7 +12,7 @@ from talkingeyes.animation.conversation_states import State
 from talkingeyes.animation.live_gaze import GazeDirection
 from talkingeyes.animation.targets import CAMERA, LISTENER, STRAIGHT_AHEAD, check_reach
 from talkingeyes.core.settings import Settings, bounds_error
-from talkingeyes.models.face.style import FaceStyle, StyleKey
+from talkingeyes.models.face.style import FaceStyle, StyleKey, default_intensity
 
 
 def _liveliness(what: str) -> Any:
@@ -34,10 +34,8 @@ class AnimationRequest(Settings):
     gaze_liveliness: Annotated[float, _liveliness("motion of the eyes")] = 1.0
     blink_liveliness: Annotated[float, _liveliness("blink rate")] = 1.0
     eye_contact: Annotated[float, Field(ge=0, le=1, description="share of time; by default the model's")] | None = None
-    emotion: Annotated[
-        str, Field(pattern="^[a-z]{1,20}$", description="one of service.json, with an intensity of 1 to 3")
-    ] = "neutral"
-    intensity: Annotated[int, Field(ge=0, le=3, description="of the emotion")] = 0
+    emotion: Annotated[str, Field(pattern="^[a-z]{1,20}$", description="one of service.json")] = "neutral"
+    intensity: Annotated[int, Field(ge=0, le=3, description="of the emotion, 1 to 3; by default 2")] | None = None
 
     @property
     def liveliness(self) -> Liveliness:
@@ -47,7 +45,8 @@ class AnimationRequest(Settings):
     @property
     def controls(self) -> Controls:
         """All settings but seed and frame rate. Raises InputError for an unknown emotion or intensity."""
-        face = (StyleKey(0.0, FaceStyle(None, self.emotion, self.intensity)),)
+        intensity = default_intensity(self.emotion, self.intensity)
+        face = (StyleKey(0.0, FaceStyle(None, self.emotion, intensity)),)
         return Controls(
             blinks=self.blinks, person=self.person, eye_contact=self.eye_contact, liveliness=self.liveliness, face=face
         )
@@ -93,7 +92,7 @@ class StreamRequest(AnimationRequest):
     @property
     def gaze(self) -> GazeDirection:
         """What directs gaze."""
-        ahead = STRAIGHT_AHEAD.positions_m[0] if self.target in (CAMERA, LISTENER) else None
+        ahead = STRAIGHT_AHEAD.positions[0][:3] if self.target in (CAMERA, LISTENER) else None
         point = self.target if isinstance(self.target, tuple) else None
         return GazeDirection(self.eye_contact, ahead or point, self.state)
 

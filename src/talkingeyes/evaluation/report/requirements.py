@@ -4,7 +4,7 @@ Margins say that motion is like motion, whatever the sound; ties say that it fol
 have the margins of true motion and no tie, a conditional mean the ties and no margins: only both together say
 something, so a row is as good as what it misses. All bounds are choices of this project.
 
-The report in at most 25 lines of plain text: five figures per model, requirements, and where the rest is.
+The report in at most 25 lines of plain text: six figures per model, requirements, and where the rest is.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 from talkingeyes.evaluation.benchmark.comparison import MetricResult
 from talkingeyes.evaluation.papers.table3 import SPLIT_TITLES, TITLES, MethodMetrics, metric, order_rows
-from talkingeyes.evaluation.text_tables import markdown_table
+from talkingeyes.evaluation.text_tables import markdown_table, training_sentence
 
 # Margins as (title, part, metric, lowest, highest); ratios to the truth.
 MARGINS = (
@@ -224,6 +224,7 @@ COLUMNS = (
     ("Diversity", "gaze", "diversity_ratio"),
     ("eye speed", "gaze", "speed_ratio"),
     ("Corr. eyes", "gaze", "corr"),
+    ("L2 eyes", "gaze", "l2"),
     ("Corr. head", "head", "corr"),
 )
 FACE_METRICS = (
@@ -243,6 +244,7 @@ def report_summary(
     informed: Mapping[str, Mapping[str, Any]],
     aversions: Mapping[str, Mapping[str, Any]],
     required: Mapping[str, Sequence[Requirement]],
+    budgets: Mapping[str, str],
     upstream: Sequence[Requirement],
     folder: str,
 ) -> str:
@@ -251,7 +253,7 @@ def report_summary(
     missed = [each for each in upstream if not each.is_met]
     return "\n".join(
         [
-            *summary_table(rows, informed, aversions, required),
+            *summary_table(rows, informed, aversions, required, budgets),
             "",
             f"fitting, codebooks, critics and the face: {count_met(upstream)} of {len(upstream)} requirements met",
             *(f"  missed: {each.name}: {_value(each)}, required {each.bounds}" for each in missed[:MAX_MISSED]),
@@ -268,9 +270,10 @@ def summary_table(
     informed: Mapping[str, Mapping[str, Any]],
     aversions: Mapping[str, Mapping[str, Any]],
     required: Mapping[str, Sequence[Requirement]],
+    budgets: Mapping[str, str],
 ) -> list[str]:
     """Its lines on models. `informed`: rows of the stage `information`; `aversions`: what speech tells about averted
-    gaze, of each row; `required`: of each model."""
+    gaze, of each row; `required`: of each model; `budgets`: the training of each model in words."""
     gaze = {name: row for name, row in rows.items() if metric(row, SPLIT, "gaze", "speed")}
     cells = [
         ["", *([INFORMATION] if informed else []), AVERSION, *(title for title, _, _ in COLUMNS), TIES_MET, MARGINS_MET]
@@ -288,6 +291,7 @@ def summary_table(
         "aversion, ties (motion follows its sound) and margins (it is like motion, whatever the sound):",
         "",
         *table,
+        training_sentence({TITLES.get(name, name): budgets.get(name, "") for name in order_rows(gaze)}),
         *_faces(rows),
     ]
 

@@ -4,13 +4,14 @@ Names are compared by shape_names.py, in small letters.
 
     eyeBlinkLeft, eyeLookInLeft, ...     ARKit's fourteen, as our writers have them (formats/arkit.py)
     eyesLookLeft, eyesCloseL, squintL    Audio2Face's own; one direction for both eyes
+    eyesClosed                           one for both lids
     HeadYaw, LeftEyeYaw, ...             Live Link Face
     Yaw, Pitch, Roll, gaze_yaw, ...      py-feat; gaze in space, one direction for both eyes
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,11 +23,10 @@ from talkingeyes.core import rotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
 from talkingeyes.formats.rotations import euler_yxz
-from talkingeyes.formats.shape_names import shape_names
+from talkingeyes.formats.shape_names import EYE_EQUIVALENTS, shape_names
 from talkingeyes.head.posing import SIDES
 
 ARKIT_EYES = tuple(f"{what}{side}" for side in SIDES for what in arkit.EYE_COEFFICIENTS)
-A2F_LIDS = {"eyesClose": "eyeBlink", "eyesUpperLidRaiser": "eyeWide", "squint": "eyeSquint"}
 
 
 @dataclass(frozen=True)
@@ -69,15 +69,22 @@ def arkit_channels(motion: Motion) -> dict[str, Float[ndarray, " T"]]:
     return {name: table[name] for name in ARKIT_EYES}
 
 
-def eye_channels(motion: Motion) -> dict[str, Float[ndarray, " T"]]:
-    """Values of the coefficients of the eyes, by `channel_name`."""
+def eye_channels(motion: Motion, names: Collection[str] = ()) -> dict[str, Float[ndarray, " T"]]:
+    """Values of the coefficients of the eyes, by `channel_name`.
+
+    Where a file has, by `names`, a coefficient of both eyes and those of each, the one of both is 0.
+    """
     own = arkit_channels(motion)
     yaw, pitch = rotation.cyclopean_gaze(rotation.gaze_to_angles(motion.gaze)).T / arkit.LOOK_RANGE_RAD
     looks = {"eyesLookLeft": yaw, "eyesLookRight": -yaw, "eyesLookUp": pitch, "eyesLookDown": -pitch}
-    lids = {f"{theirs}{side[0]}": own[f"{ours}{side}"] for theirs, ours in A2F_LIDS.items() for side in SIDES}
-    return {
-        name.lower(): values for name, values in (own | {n: np.clip(v, 0, 1) for n, v in looks.items()} | lids).items()
+    shared = {
+        theirs: np.clip(looks[theirs], 0, 1) if theirs in looks else np.mean([own[name] for name in ours], axis=0)
+        for theirs, ours in EYE_EQUIVALENTS.items()
     }
+    for theirs, ours in EYE_EQUIVALENTS.items():
+        if {name.lower() for name in ours} <= set(names):
+            shared[theirs] = np.zeros(len(motion))
+    return {name.lower(): values for name, values in (own | shared).items()}
 
 
 EYE_NAMES = frozenset(eye_channels(Motion.of(1.0, np.zeros((1, 3)), np.zeros((1, 2, 3)))))

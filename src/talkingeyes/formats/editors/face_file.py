@@ -38,7 +38,7 @@ class FaceFile:
     """A file with its editor.
 
     `motion` is what it holds (gaze: optical axes), `format` the name of its format, and `forward_axis` what the forward
-    axes of its eyes are: `visual` or `optical`. `reader` reads files like it.
+    axes of its eyes are: `visual` or `optical`. `reader` reads files like it; `notes` say which part of it is edited.
     """
 
     path: Path
@@ -47,6 +47,7 @@ class FaceFile:
     forward_axis: str
     editor: Editor
     reader: Callable[[Path], ImportedMotion]
+    notes: tuple[str, ...] = ()
 
     def read_back(self, content: bytes) -> Motion:
         """What readers see in the edited file. Raises InputError (one line) if they cannot read it."""
@@ -61,15 +62,19 @@ class FaceFile:
 
 
 def open_face_file(
-    path: Path, fps: float | None = None, eyes: str | None = None, joints: Mapping[str, str] | None = None
+    path: Path,
+    fps: float | None = None,
+    eyes: str | None = None,
+    joints: Mapping[str, str] | None = None,
+    animation: str | None = None,
 ) -> FaceFile:
-    """Open a file for new eyes. `fps`, `eyes` and `joints` are as in `read_motion`.
+    """Open a file for new eyes. `fps`, `eyes`, `joints` and `animation` are as in `read_motion`.
 
     Raises InputError (one line) for a file that cannot be read, or has no place for eyes.
     """
     if not path.name.lower().endswith(SUFFIXES):
         raise InputError(f"{path}: should end in one of {', '.join(SUFFIXES)}")
-    reader = partial(read_motion, fps=fps, eyes=eyes, joints=joints)
+    reader = partial(read_motion, fps=fps, eyes=eyes, joints=joints, animation=animation)
     read = reader(path)
     forward_axis = eyes or default_forward_axis(path, read.format)
     own = to_forward_axes(read.motion, forward_axis)
@@ -77,7 +82,7 @@ def open_face_file(
         "flame": lambda: flame.open_flame_npz(path, own),
         "flame array": lambda: flame.open_flame_array(path, own),
         "arkit": lambda: json_text.open_json(path, fps),
-        "gltf": lambda: gltf.open_gltf_file(path, own, joints),
+        "gltf": lambda: gltf.open_gltf_file(path, own, joints, animation),
     }
     try:
         editor = editors.get(read.format, lambda: table.open_table(path, read.format, fps))()
@@ -85,4 +90,5 @@ def open_face_file(
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: not a {read.format} file that can be edited ({error!r})") from None
-    return FaceFile(path, read.format, read.motion, forward_axis, editor, reader)
+    notes = editor.rig.notes if isinstance(editor, gltf.GltfFile) else ()
+    return FaceFile(path, read.format, read.motion, forward_axis, editor, reader, notes)

@@ -24,8 +24,8 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
 from talkingeyes.formats.editors.channels import EYE_NAMES, AddedEyes, channel_name, eye_channels
 from talkingeyes.formats.joint_names import list_names
-from talkingeyes.formats.readers.gltf_document import Track, Tracks, open_gltf
-from talkingeyes.formats.readers.gltf_rig import STILL, VRM_ANIMATION, Rig, find_rig
+from talkingeyes.formats.readers.gltf_document import STILL, Track, Tracks
+from talkingeyes.formats.readers.gltf_rig import VRM_ANIMATION, Rig, open_rig
 from talkingeyes.formats.rotations import quaternions
 from talkingeyes.formats.writers import vrm
 from talkingeyes.formats.writers.gltf import Gltf
@@ -54,7 +54,7 @@ class GltfFile:
 
     def edited(self, added: AddedEyes) -> bytes:
         """The file with eyes and head."""
-        content, binary = self.rig.document.content, self.rig.document.binary
+        content, [binary] = self.rig.document.content, self.rig.document.buffers
         size = content["buffers"][0]["byteLength"]
         used = binary[:size] + b"\0" * (-size % 4)
         gltf = Gltf(document=deepcopy(content), blocks=[used], size=len(used))
@@ -68,8 +68,8 @@ class GltfFile:
         return gltf.encoded()
 
     def _write(self, gltf: Gltf, channels: Channels) -> None:
-        """Replace or add channels of the first animation; a channel with a key for each frame keeps its times."""
-        animation = gltf.document["animations"][0]
+        """Replace or add channels of the animation; a channel with a key for each frame keeps its times."""
+        animation = gltf.document["animations"][self.rig.animation]
         times: int | None = None
         for (node, path), values in channels.items():
             target = {"node": node, "path": path}
@@ -180,17 +180,18 @@ class GltfFile:
         return {(node, "translation"): moved}
 
 
-def open_gltf_file(path: Path, own: Motion, joints: Mapping[str, str] | None = None) -> GltfFile:
-    """Open a file that was read as `own`; `joints` as in `read_gltf`.
+def open_gltf_file(
+    path: Path, own: Motion, joints: Mapping[str, str] | None = None, animation: str | None = None
+) -> GltfFile:
+    """Open a file that was read as `own`; `joints` and `animation` as in `read_gltf`.
 
     Raises InputError (one line) if it has nothing that could be eyes.
     """
-    document = open_gltf(path)
-    buffers = document.content["buffers"]
+    rig = open_rig(path, joints, animation)
+    document, buffers = rig.document, rig.document.content["buffers"]
     if len(buffers) != 1 or "uri" in buffers[0]:
         raise InputError(f"{path}: should have one buffer, in the file itself, got {len(buffers)}")
-    tracks = document.tracks()
-    file = GltfFile(find_rig(document, tracks, joints), own_times(tracks, own))
+    file = GltfFile(rig, own_times(rig.tracks, own))
     is_vrm = VRM_ANIMATION in document.content.get("extensions", {})
     if not (is_vrm or set(EYES) <= file.rig.joints.keys() or file.face_names()):
         names = [str(node.get("name", "")) for node in document.content["nodes"]]
@@ -210,16 +211,12 @@ def own_times(tracks: Tracks, own: Motion) -> Float[ndarray, " T"]:
 
 def _shapes(motion: Motion, names: list[str], looks: bool) -> dict[str, Float[ndarray, " T"]]:
     """Weights of the shapes of eyes and lids that a face has, by `channel_name`."""
-    wanted = {name: values for name, values in eye_channels(motion).items() if name in names}
+    wanted = {name: values for name, values in eye_channels(motion, names).items() if name in names}
     if LID_SHAPES[0].lower() in names:
         pose = motion_to_pose(anny_head(), motion)
         made = (*LID_SHAPES, *(name for name in arkit.NAMES if name.lower() in wanted))
         return {name.lower(): pose.expression[:, anny_head().shape(name)] for name in made if name.lower() in names}
     return {name: values for name, values in wanted.items() if looks or not name.startswith("eyelook")}
-
-
-def _moves(track: Track | None) -> bool:
-    return track is not None and bool(np.ptp(track.values, axis=0).max() > STILL)
 
 
 def _is_at(channel: dict[str, Any], node: int, path: str) -> bool:

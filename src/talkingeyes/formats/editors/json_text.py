@@ -51,9 +51,10 @@ class JsonFile:
 
     def edited(self, added: AddedEyes) -> bytes:
         """The file with eyes and head."""
-        found, wanted = coefficient_rows(self.path, self.content), eye_channels(added.motion)
-        new: dict[int, float] = {}
-        for column, name in enumerate(channel_names(found.names)):
+        found = coefficient_rows(self.path, self.content)
+        names = channel_names(found.names)
+        wanted, new = eye_channels(added.motion, names), dict[int, float]()
+        for column, name in enumerate(names):
             if name in wanted:
                 numbers = [row[column] for row in found.rows]
                 own = np.array(numbers, float)  # None, where a face is lost, becomes NaN

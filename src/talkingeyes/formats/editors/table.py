@@ -47,11 +47,11 @@ class TableFile:
 
     def edited(self, added: AddedEyes) -> bytes:
         """The file with eyes and head in the rows that have values."""
-        wanted = eye_channels(added.motion)
+        wanted = eye_channels(added.motion, self.names)
         wanted |= pyfeat_channels(added.motion) if self.factors is None else angle_channels(added.motion, self.factors)
         kept = () if added.with_head else (*LIVE_LINK_HEAD, *PYFEAT_HEAD)
         lines, table = list(self.table.lines), self.table
-        rows = np.array([k for k, line in enumerate(lines) if k > table.header and line.strip()])[self.seen]
+        rows = np.array(table.row_lines)[self.seen]
         cells = [table.raw_cells(lines[row]) for row in rows]
         for row, each in zip(rows, cells, strict=True):
             if len(each) < len(self.names):

@@ -1,4 +1,7 @@
-"""BVH of a head: joints by name, with any order of rotation channels."""
+"""BVH of a head: joints by name (joint_names.py), with any order of rotation channels.
+
+The turn of the head is that of neck and head together, as in glTF.
+"""
 
 from __future__ import annotations
 
@@ -14,15 +17,13 @@ from scipy.spatial.transform import Rotation
 from talkingeyes.core.containers import read_text
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
+from talkingeyes.formats.joint_names import JOINTS, joints_by_name, list_names
+from talkingeyes.formats.readers.clock import usual_rate
 from talkingeyes.formats.readers.noted import NotedMotion, no_place_note
+from talkingeyes.formats.rotations import compose_rotations
 
 CM = 100.0
-JOINT_ALIASES = {
-    "head": ("head", "neck"),
-    "jaw": ("jaw",),
-    "left_eye": ("left_eye", "lefteye", "eyeleft", "leye"),
-    "right_eye": ("right_eye", "righteye", "eyeright", "reye"),
-}
+STEP_DIGITS = 5e-7  # rounding of the time of a frame, of six digits
 
 
 @dataclass(frozen=True)
@@ -46,27 +47,31 @@ def read_bvh(path: Path, fps: float | None = None) -> NotedMotion:
             raise ValueError(f"rows of {values.shape} for {len(columns)} joints")
     except (ValueError, IndexError) as error:
         raise InputError(f"{path}: not a readable BVH ({error})") from None
-    names = {ours: next((name for name in theirs if name in columns), "") for ours, theirs in JOINT_ALIASES.items()}
-    found = {ours: columns.get(name) for ours, name in names.items()}
-    if found["head"] is None and found["left_eye"] is None:
-        raise InputError(f"{path}: should have a joint head or left_eye, got {', '.join(columns)}")
-    turned = {name: _turned(values, each) for name, each in found.items()}
+    listed = list(columns)
+    names = {joint: listed[indices[0]] for joint, indices in joints_by_name(listed).items()}
+    if not {"head", "neck", "left_eye"} & names.keys():
+        raise InputError(f"{path}: should have a joint head or left_eye, got {list_names(listed)}")
+    turned = {joint: _turned(values, columns.get(names.get(joint, ""))) for joint in JOINTS}
     gaze = np.stack([turned["left_eye"], turned["right_eye"]], axis=1)
     motion = Motion.of(
-        fps or round(1 / step_s, 3), turned["head"], gaze, translation=_shift(values, found["head"]), jaw=turned["jaw"]
+        fps or usual_rate(1 / step_s, STEP_DIGITS / step_s + 1e-9),
+        compose_rotations(turned["neck"], turned["head"]),
+        gaze,
+        translation=_shift(values, columns.get(names.get("head", ""))),
+        jaw=turned["jaw"],
     )
     lost = [name for name in columns if name not in names.values()]
     return NotedMotion(motion, no_place_note(lost, len(columns), "joints"))
 
 
 def _columns(hierarchy: str) -> dict[str, JointChannels]:
-    """Channels of each joint, by lower-case name."""
+    """Channels of each joint, by name."""
     found: dict[str, JointChannels] = {}
     name, start = "", 0
     for line in hierarchy.splitlines():
         words = line.split()
         if words[:1] in (["ROOT"], ["JOINT"]):
-            name = words[1].lower()
+            name = " ".join(words[1:])
         elif words[:1] == ["CHANNELS"]:
             found[name] = JointChannels(start, tuple(words[2 : 2 + int(words[1])]))
             start += int(words[1])

@@ -1,7 +1,7 @@
 """The frame rate of a table and the frame of each of its rows, from the times that programs write.
 
     0.033                        seconds, usually rounded (also in ms, us or ns)
-    18:48:59.100                 hours, minutes, seconds; also with a date
+    18:48:59.100                 hours, minutes, seconds; also after a date
     18:48:59:02, :02.500, ;02    time codes: the last number counts frames; after `;` it leaves out some (drop-frame)
     00:00:00:02.002              Face_Landmark_Link: the thousandths count frames from the start of the video
 
@@ -21,11 +21,12 @@ from numpy import ndarray
 from talkingeyes.core.errors import InputError
 
 SECONDS = re.compile(r"\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?")
-CLOCK = re.compile(r"(?:\d+-\d+-\d+[T ])?(?:(\d+):)?(\d+):(\d+(?:[.,]\d{3,})?)(?:Z|[+-]\d\d:?\d\d)?")
+CLOCK = re.compile(r"(?:\d+([-./])\d+\1\d+,?[T ])?(?:(\d+):)?(\d+):(\d+(?:[.,]\d{3,})?)(?:Z|[+-]\d\d:?\d\d)?")
 TIMECODE = re.compile(r"(\d+):(\d+):(\d+)([:;.,])(\d+(?:[.,]\d+)?)")
 CODE_RATES = (24, 25, 30, 48, 50, 60, 72, 90, 100, 120, 240)  # frames that time codes count in a second
 NTSC = 1000 / 1001
-USUAL_RATES = (*map(float, CODE_RATES), *(rate * NTSC for rate in (24, 30, 60, 120)))
+NTSC_RATES = tuple(rate * NTSC for rate in (24, 30, 60, 120))
+USUAL_RATES = (*map(float, CODE_RATES), *NTSC_RATES, 10.0, 12.0, 12.5, 15.0, 20.0, 15 * NTSC, 200.0)
 RATE_TOLERANCE = 2e-4
 TIMING_TOLERANCE_S = 0.003  # maximum deviation from even time steps
 EARLY = 0.25  # of a frame, by which a row after a missing one may come too early
@@ -80,14 +81,19 @@ def timing_of_times(times_s: Float[ndarray, " T"]) -> Timing:
     counts = np.where(steps > (0 if even else UNEVEN) * typical, np.maximum(np.rint(steps / typical), 1), 1)
     rate = float(counts.sum()) / span
     deviation = float(np.abs(steps - counts / rate).max())
-    nearest = min(USUAL_RATES, key=lambda usual: abs(usual - rate))
-    rate = nearest if abs(nearest / rate - 1) < RATE_TOLERANCE + deviation / span else round(rate, 3)
+    rate = usual_rate(rate, RATE_TOLERANCE + deviation / span)
     if not MIN_FPS <= rate <= MAX_FPS:
         raise InputError(f"times should give a rate of {MIN_FPS:g} to {MAX_FPS:g} fps, got {rate:g}; set --fps")
     frames, early = [0], EARLY if even else 2 - UNEVEN
     for time in ((times_s[1:] - times_s[0]) * rate).tolist():
         frames.append(frames[-1] + max(int(time - frames[-1] + early), 1))
     return Timing(rate, np.array(frames))
+
+
+def usual_rate(fps: float, tolerance: float) -> float:
+    """The nearest usual frame rate within a share of a rate, otherwise the rate."""
+    nearest = min(USUAL_RATES, key=lambda usual: abs(usual - fps))
+    return nearest if abs(nearest / fps - 1) < tolerance else round(fps, 3)
 
 
 def _seconds(codes: Sequence[re.Match[str]]) -> Timing:
@@ -98,7 +104,7 @@ def _seconds(codes: Sequence[re.Match[str]]) -> Timing:
 
 
 def _clock(codes: Sequence[re.Match[str]]) -> Timing:
-    return timing_of_times(_past_midnight(np.array([_whole(code[1], code[2]) + _number(code[3]) for code in codes])))
+    return timing_of_times(_past_midnight(np.array([_whole(code[2], code[3]) + _number(code[4]) for code in codes])))
 
 
 def _time_codes(codes: Sequence[re.Match[str]]) -> Timing:

@@ -1,4 +1,4 @@
-"""glTF files with the animation of a head: GLB with joints and morph targets, and VRM animations (.vrma).
+"""glTF files with the animation of a head: GLB (or .gltf) with joints and morph targets, and VRM animations (.vrma).
 
 Joints are found as in gltf_rig.py, weights by the names of the targets, of all meshes. Where lids are driven by the
 shapes of the Eyelid model, closure is computed from the weight of its blink shape.
@@ -18,32 +18,34 @@ from numpy import ndarray
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
-from talkingeyes.formats.joint_names import JOINTS, list_names
+from talkingeyes.formats.joint_names import list_names
 from talkingeyes.formats.readers.flame_parameters import EXPRESSION
-from talkingeyes.formats.readers.gltf_document import GltfDocument, Track, Tracks, open_gltf
-from talkingeyes.formats.readers.gltf_rig import VRM_ANIMATION, Rig, find_rig
+from talkingeyes.formats.readers.gltf_document import GltfDocument, Track, Tracks
+from talkingeyes.formats.readers.gltf_rig import VRM_ANIMATION, Rig, open_rig
 from talkingeyes.formats.readers.noted import NotedMotion, no_place_note
-from talkingeyes.formats.shape_names import shape_names
+from talkingeyes.formats.shape_names import EYE_EQUIVALENTS, arkit_shapes, shape_names
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.anny_build import JAW_OPEN_RAD
 from talkingeyes.head.eyelid.blendshapes import LID_SHAPES, eyelid_weights
 
 EXPRESSIONS = tuple(map(EXPRESSION.format, range(100)))  # of FLAME
-VRM_PLACED = ("blinkLeft", "blinkRight", "blink", "aa", *arkit.NAMES)
+VRM_PLACED = ("blinkLeft", "blinkRight", "blink", "aa", *arkit.NAMES, *EYE_EQUIVALENTS)
 MAX_FRAMES = 1_000_000  # 4.6 hours at 60 frames per second
 
 
-def read_gltf(path: Path, fps: float | None = None, joints: Mapping[str, str] | None = None) -> NotedMotion:
-    """Read the motion of a .glb or .vrma; `joints` are names of nodes by joint, where the file's own are unknown.
+def read_gltf(
+    path: Path, fps: float | None = None, joints: Mapping[str, str] | None = None, animation: str | None = None
+) -> NotedMotion:
+    """Read the motion of a .glb, .gltf or .vrma.
 
+    `joints` are names of nodes by joint, where the file's own are unknown; `animation` is the name of one of several.
     Raises InputError (one line) if it holds no animation of a head.
     """
     try:
-        document = open_gltf(path)
-        tracks = document.tracks()
-        rig = find_rig(document, tracks, joints)
-        is_vrm = VRM_ANIMATION in document.content.get("extensions", {})
-        return _vrm(rig, fps) if is_vrm else _head(rig, fps)
+        rig = open_rig(path, joints, animation)
+        is_vrm = VRM_ANIMATION in rig.document.content.get("extensions", {})
+        read = _vrm(rig, fps) if is_vrm else _head(rig, fps)
+        return replace(read, notes=(*rig.notes, *read.notes))
     except (OSError, KeyError, IndexError, TypeError, ValueError, struct.error) as error:
         if isinstance(error, InputError):
             raise
@@ -54,11 +56,9 @@ def _head(rig: Rig, fps: float | None) -> NotedMotion:
     document, tracks = rig.document, rig.tracks
     names = [str(node.get("name", "")) for node in document.content["nodes"]]
     faces = {node: shapes for node, shapes in document.shapes(tracks).items() if (node, "weights") in tracks}
-    known = [tracks[key] for joint in JOINTS for key in rig.keys(joint)]
-    known += [tracks[node, "weights"] for node in faces]
-    if not known:
+    if not rig.face_tracks:
         raise _nothing_known(document, tracks, names)
-    rate, times = frame_grid(known, fps)
+    rate, times = frame_grid(rig.face_tracks, fps)
     root = tracks.get((names.index("root"), "translation")) if "root" in names else None
     place = document.content["nodes"][names.index("root")].get("translation", [0, 0, 0]) if root else [0, 0, 0]
     shift = np.zeros((len(times), 3)) if root is None else root.sampled(times) - np.array(place)
@@ -69,8 +69,7 @@ def _head(rig: Rig, fps: float | None) -> NotedMotion:
             if name not in shapes or not shapes[name].any():
                 shapes[name] = values
     motion = motion_from_shapes(rate, rig.turns("head", times), gaze, rig.turns("jaw", times), shift, shapes)
-    placed = EXPRESSIONS if EXPRESSIONS[0] in shapes else (*arkit.NAMES, *LID_SHAPES)
-    notes = no_place_note([name for name in shapes if shapes[name].any() and name not in placed], len(shapes))
+    notes = lost_shapes(shapes)
     unnamed = [track for (node, path), track in tracks.items() if path == "weights" and node not in faces]
     if unnamed:
         notes += (f"{sum(each.values.shape[1] for each in unnamed)} shapes without names have no place here",)
@@ -90,10 +89,17 @@ def _nothing_known(document: GltfDocument, tracks: Tracks, names: Sequence[str])
     )
 
 
+def lost_shapes(shapes: Mapping[str, ndarray]) -> tuple[str, ...]:
+    """The note on shapes that move and have no place in a motion."""
+    placed = EXPRESSIONS if EXPRESSIONS[0] in shapes else (*arkit.NAMES, *EYE_EQUIVALENTS, *LID_SHAPES)
+    return no_place_note([name for name in shapes if shapes[name].any() and name not in placed], len(shapes))
+
+
 def motion_from_shapes(
     fps: float, head: ndarray, gaze: ndarray, jaw: ndarray, shift: ndarray, shapes: dict[str, ndarray]
 ) -> Motion:
-    """Build a motion from joint rotations and named shape weights."""
+    """Build a motion from joint rotations and the weights of shapes by standard name."""
+    shapes = arkit_shapes(shapes)
     if EXPRESSIONS[0] in shapes:  # FLAME, which has no lid shapes
         names = tuple(name for name in EXPRESSIONS if name in shapes)
         made_for, lid = "flame", np.zeros((len(head), 2))
@@ -147,7 +153,7 @@ def _vrm(rig: Rig, fps: float | None) -> NotedMotion:
 
     jaw = np.zeros((len(times), 3))
     jaw[:, 0] = JAW_OPEN_RAD * weight("aa")
-    shapes = {name: weight(name) for name in arkit.NAMES if weights.get(name) is not None}
+    shapes = {name: weight(name) for name in (*arkit.NAMES, *EYE_EQUIVALENTS) if weights.get(name) is not None}
     looks = np.zeros((len(times), 3)) if looking is None else looking.rotations(times).as_rotvec()
     gaze = np.repeat(looks[:, None], 2, axis=1)
     lid = np.stack([weight("blinkLeft", "blink"), weight("blinkRight", "blink")], axis=1)

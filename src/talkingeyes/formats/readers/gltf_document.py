@@ -1,48 +1,69 @@
-"""A binary glTF 2.0 file: the numbers of its accessors, the keys of its first animation, its nodes at rest, the names
-of its shapes.
+"""A glTF 2.0 file: numbers of its accessors, keys of its animations, nodes at rest, names of shapes.
 
-Of an animation, channels without a node (extensions) are ignored, as the specification demands.
+Buffers are in the file (.glb), in texts of the JSON, or in files beside a .gltf, below its folder. Of an animation,
+channels without a node (extensions) are ignored, as the specification demands.
 """
 
 from __future__ import annotations
 
+import base64
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 from scipy.spatial.transform import Rotation, Slerp
 
-from talkingeyes.core.containers import MAX_ARRAY_BYTES, parse_json, read_bytes
+from talkingeyes.core.containers import MAX_ARRAY_BYTES, parse_json, read_bytes, reading
 from talkingeyes.core.errors import InputError
 from talkingeyes.formats.shape_names import shape_names
 
 FLOAT = 5126
 DTYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", FLOAT: "<f4"}
 LARGEST = {5120: 127, 5121: 255, 5122: 32767, 5123: 65535}  # what stands for 1 in normalised integers
+STILL = 1e-6  # differences of values that are no motion
+SAME_TIME_S = 1e-5  # times of frames are rounded to floats of 32 bits
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
 @dataclass(frozen=True)
 class Track:
-    """Keyframes of one node."""
+    """Keyframes of one node; of cubic splines also the slopes before and after each key, in units a second."""
 
     times_s: Float[ndarray, " K"]
     values: Float[ndarray, "K C"]
+    interpolation: str = "LINEAR"
+    slopes: Float[ndarray, "2 K C"] | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether the values change."""
+        return bool(len(self.values) and np.ptp(self.values, axis=0).max() > STILL)
 
     def sampled(self, times: Float[ndarray, " T"]) -> Float[ndarray, "T C"]:
-        """Values at times, linearly interpolated."""
-        return np.stack([np.interp(times, self.times_s, column) for column in self.values.T], axis=1)
+        """Values at times, interpolated as the file says."""
+        if self.interpolation == "STEP":
+            return self.values[np.maximum(np.searchsorted(self.times_s, times + SAME_TIME_S, "right") - 1, 0)]
+        if self.slopes is None or len(self.times_s) == 1:
+            return np.stack([np.interp(times, self.times_s, column) for column in self.values.T], axis=1)
+        within = np.clip(times, self.times_s[0], self.times_s[-1])
+        before = np.minimum(np.searchsorted(self.times_s, within, "right"), len(self.times_s) - 1) - 1
+        step = (self.times_s[before + 1] - self.times_s[before])[:, None]
+        part = (within - self.times_s[before])[:, None] / step
+        start, stop, (incoming, outgoing) = self.values[before], self.values[before + 1], self.slopes
+        bent = (1 - part) ** 2 * part * step * outgoing[before] - (1 - part) * part**2 * step * incoming[before + 1]
+        return np.asarray(start + part**2 * (3 - 2 * part) * (stop - start) + bent)
 
     def rotations(self, times: Float[ndarray, " T"]) -> Rotation:
-        """Rotations at times, with spherical interpolation of quaternions."""
-        keys = Rotation.from_quat(self.values)
-        if len(self.times_s) == 1:
-            return Rotation.concatenate([keys] * len(times))
-        return Slerp(self.times_s, keys)(np.clip(times, self.times_s[0], self.times_s[-1]))
+        """Rotations at times, with spherical interpolation of quaternions where it is linear."""
+        if len(self.times_s) == 1 or self.interpolation != "LINEAR":
+            return Rotation.from_quat(self.sampled(times))
+        return Slerp(self.times_s, Rotation.from_quat(self.values))(np.clip(times, self.times_s[0], self.times_s[-1]))
 
 
 Tracks = dict[tuple[int, str], Track]
@@ -70,11 +91,11 @@ class RestRotation:
 
 @dataclass(frozen=True)
 class GltfDocument:
-    """The JSON of a file and its binary buffer."""
+    """The JSON of a file and its buffers."""
 
     path: Path
     content: dict[str, Any]
-    binary: bytes
+    buffers: Sequence[bytes]
 
     def array(self, index: int) -> Float[ndarray, "N C"]:
         """Values of an accessor, dense or sparse; normalised integers are divided."""
@@ -94,33 +115,42 @@ class GltfDocument:
         if "bufferView" not in place:
             return np.zeros((count, width))
         view, dtype = self.content["bufferViews"][place["bufferView"]], np.dtype(DTYPES[kind])
-        if view.get("buffer", 0) != 0 or "uri" in self.content.get("buffers", [{}])[0] or view.get("extensions"):
-            raise InputError(f"{self.path}: animation should be in the file's own buffer, uncompressed")
+        if view.get("extensions"):
+            raise InputError(f"{self.path}: animation should be uncompressed, got {', '.join(view['extensions'])}")
         start = view.get("byteOffset", 0) + place.get("byteOffset", 0)
         strides = (view.get("byteStride") or dtype.itemsize * width, dtype.itemsize)
-        return np.ndarray((count, width), dtype, self.binary, start, strides).astype(np.float64)
+        return np.ndarray((count, width), dtype, self.buffers[view.get("buffer", 0)], start, strides).astype(np.float64)
 
-    def tracks(self) -> Tracks:
-        """Channels of the first animation, by node and path."""
-        if not self.content.get("animations"):
+    @property
+    def animation_names(self) -> tuple[str, ...]:
+        """The names of the animations, or their numbers. Raises InputError (one line) if there are none."""
+        animations = self.content.get("animations")
+        if not animations:
             raise InputError(f"{self.path}: should hold an animation, got none")
-        animation = self.content["animations"][0]
+        return tuple(str(each.get("name") or number) for number, each in enumerate(animations))
+
+    def tracks(self, number: int) -> Tracks:
+        """Channels of an animation, by node and path."""
+        animation = self.content["animations"][number]
         found, left = {}, MAX_ARRAY_BYTES  # many channels can name one accessor
         for channel in animation["channels"]:
             target, sampler = channel["target"], animation["samplers"][channel["sampler"]]
             if "node" not in target:
                 continue
-            if sampler.get("interpolation", "LINEAR") == "CUBICSPLINE":
-                raise InputError(f"{self.path}: animation should be LINEAR or STEP, got CUBICSPLINE")
             output = self.content["accessors"][sampler["output"]]
             if output["componentType"] != FLOAT and not output.get("normalized"):
                 raise InputError(f"{self.path}: keys should be floats or normalised integers, got plain integers")
             times = self.array(sampler["input"])[:, 0]
-            values = self.array(sampler["output"]).reshape(len(times), -1)
-            found[target["node"], target["path"]] = Track(times, values)
+            values, interpolation = self.array(sampler["output"]), sampler.get("interpolation", "LINEAR")
             left -= times.nbytes + values.nbytes
             if left < 0:
                 raise InputError(f"{self.path}: animation should have at most {MAX_ARRAY_BYTES:,} bytes of keys")
+            if interpolation == "CUBICSPLINE":
+                incoming, keys, outgoing = values.reshape(len(times), 3, -1).swapaxes(0, 1)
+                track = Track(times, keys, interpolation, np.stack([incoming, outgoing]))
+            else:
+                track = Track(times, values.reshape(len(times), -1), interpolation)
+            found[target["node"], target["path"]] = track
         return found
 
     def shapes(self, tracks: Tracks) -> dict[int, tuple[str, ...]]:
@@ -170,12 +200,28 @@ class GltfDocument:
 
 
 def open_gltf(path: Path) -> GltfDocument:
-    """Open a binary glTF 2.0 file. Raises InputError (one line) for anything else."""
+    """Open a glTF 2.0 file, binary or with its buffers beside it. Raises InputError (one line) for anything else."""
     data = read_bytes(path)
-    if data[:8] != b"glTF" + struct.pack("<I", 2) or len(data) < 28:
+    if data[:8] == b"glTF" + struct.pack("<I", 2) and len(data) >= 28:
+        length = struct.unpack_from("<I", data, 12)[0]
+        content, own = parse_json(data[20 : 20 + length]), data[20 + length + 8 :]
+    elif path.suffix.lower() == ".gltf":
+        content, own = parse_json(data), b""
+    else:
         raise InputError(f"{path}: should be a binary glTF 2.0 file (.glb, .vrma)")
-    length = struct.unpack_from("<I", data, 12)[0]
-    return GltfDocument(path, parse_json(data[20 : 20 + length]), data[20 + length + 8 :])
+    places = [each.get("uri") for each in content.get("buffers", ())]
+    return GltfDocument(path, content, [own if each is None else _buffer(path, each) for each in places])
+
+
+def _buffer(path: Path, uri: str) -> bytes:
+    """A buffer in a text, or in a file below the folder of `path`."""
+    if uri.startswith("data:"):
+        return base64.b64decode(uri.partition(",")[2], validate=True)
+    folder, file = path.parent.resolve(), (path.parent / unquote(uri)).resolve()
+    if not file.is_relative_to(folder):
+        raise InputError(f"{path}: buffers should be in files below its folder, got {uri}")
+    with reading(path, f"glTF with its buffer {uri}"):
+        return read_bytes(file)
 
 
 def _own_rotation(node: dict[str, Any]) -> Rotation:

@@ -3,12 +3,16 @@
 Which nodes they are follows from the user's names, else from the humanoid of a VRM extension, else from names
 (joint_names.py). The turn of the head is that of neck and head together, that of an eye of all nodes between head and
 eye. A rig that faces another way than +z (VRM 0.x faces -z) is turned, by where its left and right eye are.
+
+Of several animations, the one of the user's name is taken, else the first that moves a face, else the first that has
+keys for one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,20 +21,23 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.formats.joint_names import joints_by_name, list_names
-from talkingeyes.formats.readers.gltf_document import GltfDocument, Tracks
+from talkingeyes.formats.joint_names import JOINTS, joints_by_name, list_names
+from talkingeyes.formats.readers.gltf_document import GltfDocument, Track, Tracks, open_gltf
 
 VRM_ANIMATION = "VRMC_vrm_animation"
 VRM_EXTENSIONS = (VRM_ANIMATION, "VRMC_vrm", "VRM")
 HUMAN_BONES = {"head": "head", "neck": "neck", "jaw": "jaw", "leftEye": "left_eye", "rightEye": "right_eye"}
-STILL = 1e-6
 
 
 @dataclass(frozen=True)
 class Rig:
-    """A file with the nodes of its joints. `facing` turns the axes of a Motion into those of the file."""
+    """A file with the nodes of its joints, for the animation of this number, whose channels are `tracks`.
+
+    `facing` turns the axes of a Motion into those of the file.
+    """
 
     document: GltfDocument
+    animation: int
     tracks: Tracks
     joints: Mapping[str, int]
     facing: Rotation
@@ -50,7 +57,22 @@ class Rig:
 
     def moves(self, joint: str) -> bool:
         """Whether something turns a joint."""
-        return any(np.ptp(self.tracks[key].values, axis=0).max() > STILL for key in self.keys(joint))
+        return any(self.tracks[key].moves for key in self.keys(joint))
+
+    @property
+    def face_tracks(self) -> list[Track]:
+        """The tracks of joints and of shapes with names."""
+        joints = [self.tracks[key] for joint in JOINTS for key in self.keys(joint)]
+        shown = self.document.shapes(self.tracks)
+        return joints + [self.tracks[node, "weights"] for node in shown if (node, "weights") in self.tracks]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is said where the file has several animations."""
+        names = self.document.animation_names
+        others = list_names([name for number, name in enumerate(names) if number != self.animation])
+        taken = names[self.animation]
+        return (f"animation {taken}; --animation NAME takes another: {others}",) if len(names) > 1 else ()
 
     def turns(self, joint: str, times: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
         """Rotation vectors of a joint from rest; 0 if nothing turns it."""
@@ -75,8 +97,25 @@ class Rig:
         return turned
 
 
-def find_rig(document: GltfDocument, tracks: Tracks, given: Mapping[str, str] | None = None) -> Rig:
-    """The rig of a file; `given` are names of nodes by joint. Raises InputError for a name that no node has."""
+def open_rig(path: Path, given: Mapping[str, str] | None = None, animation: str | None = None) -> Rig:
+    """Open a file; `given` are names of nodes by joint. Raises InputError (one line) for names that it has not."""
+    document = open_gltf(path)
+    names = document.animation_names
+    if animation is not None and animation not in names:
+        raise InputError(f"{path}: animation should be one of {list_names(names)}, got {animation}")
+    numbers = range(len(names)) if animation is None else [names.index(animation)]
+    with_keys: Rig | None = None
+    for number in numbers:
+        rig = find_rig(document, number, given)
+        if any(track.moves for track in rig.face_tracks):
+            return rig
+        with_keys = with_keys or (rig if rig.face_tracks else None)
+    return with_keys or rig
+
+
+def find_rig(document: GltfDocument, animation: int, given: Mapping[str, str] | None = None) -> Rig:
+    """The rig for an animation; `given` are names of nodes by joint. Raises InputError for a name that no node has."""
+    tracks = document.tracks(animation)
     extensions = document.content.get("extensions", {})
     nodes, joints = document.content["nodes"], _humanoid(extensions)
     skinned = {joint for skin in document.content.get("skins", ()) for joint in skin["joints"]}
@@ -100,7 +139,7 @@ def find_rig(document: GltfDocument, tracks: Tracks, given: Mapping[str, str] | 
         joints[joint] = first([node for node, own in enumerate(names) if own == name])
     if "head" not in joints and "neck" in joints:
         joints["head"] = joints["neck"]
-    return Rig(document, tracks, joints, _facing(document, joints, "VRM" in extensions))
+    return Rig(document, animation, tracks, joints, _facing(document, joints, "VRM" in extensions))
 
 
 def _humanoid(extensions: Mapping[str, Any]) -> dict[str, int]:

@@ -95,8 +95,10 @@ def coefficient_rows(path: Path, content: Any) -> CoefficientRows:
 
 
 def _azure(content: Any) -> CoefficientRows | None:
-    """Chunks of visemes, each with the index of its first frame; maybe inside of events, as texts."""
-    chunks = [_chunk(each) for each in (content if isinstance(content, list) else [content])]
+    """Chunks of visemes, each with the index of its first frame; maybe inside of events, as texts, or under a key."""
+    lists = content.values() if isinstance(content, dict) else ()
+    events = next((each for each in (content, *lists) if isinstance(each, list)), ())
+    chunks = [_chunk(each) for each in (content, *events)]
     known = sorted((chunk for chunk in chunks if chunk is not None), key=lambda chunk: float(chunk["frameindex"]))
     rows: list[Sequence[Any]] = []
     for chunk in known:

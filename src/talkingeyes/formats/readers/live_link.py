@@ -32,17 +32,18 @@ from talkingeyes.formats.readers import tables
 from talkingeyes.formats.readers.clock import Timing, row_timing
 from talkingeyes.formats.readers.noted import NotedMotion, no_place_note
 from talkingeyes.formats.rotations import from_euler_yxz
-from talkingeyes.formats.shape_names import AUDIO2FACE_EYES, shape_names
+from talkingeyes.formats.shape_names import EYE_EQUIVALENTS, arkit_shapes, shape_names
 
 ANGLE_SIGNS = np.array([-1.0, 1.0, 1.0])  # of yaw, pitch, roll, from Live Link's to `euler_yxz`
 EYE_TURNS, EYE_ROLLS = [3, 4, 6, 7], [5, 8]  # of the nine angles
 BLENDSHAPE_COUNT = 61
-READ = {*arkit.NAMES, *arkit.ANGLES, *AUDIO2FACE_EYES}
+READ = {*arkit.NAMES, *arkit.ANGLES, *EYE_EQUIVALENTS}
 COUNT_COLUMN = "blendshapecount"  # 0 in rows without a face
 TIME_COLUMNS = ("timecode", "timestamp", "time")
 OTHER_COLUMNS = {*TIME_COLUMNS, COUNT_COLUMN, "", "frame", "framenumber", "index"}  # beside shapes
 MAX_RADIAN_SLOPE = 5.0  # a larger slope (angle per look coefficient) means degrees
 MIN_LOOK_SD = 0.05  # minimum spread of look coefficients that shows the sign
+MAX_COEFFICIENT, MOSTLY = 5.0, 0.99  # coefficients of a column that are mostly larger are percent
 MIN_CORRELATION = 0.5  # of angles with look coefficients
 
 
@@ -90,16 +91,13 @@ def read_take(path: Path, fps: float | None = None) -> Take:
 
 def check_shapes(names: Sequence[str]) -> None:
     """Raises InputError (one line) unless a name is one of a coefficient."""
-    if {*arkit.NAMES, *AUDIO2FACE_EYES}.isdisjoint(shape_names(names)):
+    if {*arkit.NAMES, *EYE_EQUIVALENTS}.isdisjoint(shape_names(names)):
         raise InputError(f"should have shapes of a face (EyeLookInLeft, ...), got {', '.join(names[:5])}, ...")
 
 
 def take_of(columns: Mapping[str, Float[ndarray, " T"]], timing: Timing) -> Take:
     """The take of columns by their names, NaN where a row has no number."""
-    found = dict(zip(shape_names(list(columns)), columns.values(), strict=True))
-    known = {name: column for name, column in found.items() if name in arkit.NAMES + arkit.ANGLES}
-    for theirs, ours in AUDIO2FACE_EYES.items():
-        known |= {name: found[theirs] for name in ours if theirs in found and name not in found}
+    known = arkit_shapes(dict(zip(shape_names(list(columns)), columns.values(), strict=True)))
     nothing = np.full(len(timing.frames), np.nan)
     coefficients, angles = (
         np.stack([known.get(name, nothing) for name in names], axis=1) for names in (arkit.NAMES, arkit.ANGLES)
@@ -108,6 +106,9 @@ def take_of(columns: Mapping[str, Float[ndarray, " T"]], timing: Timing) -> Take
     if not seen.any():
         raise InputError("should have rows with values, got none")
     coefficients, angles = _without_gaps(coefficients), _without_gaps(angles)
+    largest = float(np.quantile(coefficients, MOSTLY, axis=0).max())
+    if largest > MAX_COEFFICIENT:
+        raise InputError(f"coefficients should be 0 to 1, got {largest:.3g}; divide percent by 100")
     lost = [name for name, standard in zip(columns, shape_names(list(columns)), strict=True) if standard not in READ]
     notes = no_place_note(lost, len(columns))
     if angles[:, EYE_ROLLS].any() and not angles[:, EYE_TURNS].any():

@@ -2,7 +2,7 @@
 
 .npz  our Motion; VHAP, DiffPoseTalk, FLAME by names      .npy, .pt  EMOTE, ProbTalk3D, ARTalk, UniLS by width
 .csv, .csv.gz, .tsv  Live Link Face, OpenFace, py-feat    .frame, or a folder of them  metrical-tracker
-.json  ARKit coefficients    .glb .vrma    .usd .usda .usdc    .bvh    .obj .ply  the open head
+.json  ARKit coefficients    .glb .gltf .vrma    .usd .usda .usdc    .bvh    .obj .ply  the open head
 .npy .npz by a key map (key_map.py)                        folder with an npz a frame  GaussianAvatars, VHAP
 """
 
@@ -31,7 +31,7 @@ Reader = Callable[[Path, float | None], Motion | NotedMotion]
 
 SUFFIXES = (
     *(".npz", ".npy", ".pt", ".pth", ".csv", ".csv.gz", ".tsv", ".frame", ".json", ".jsonl"),
-    *(".glb", ".vrma", ".usd", ".usda", ".usdc", ".bvh", ".obj", ".ply"),
+    *(".glb", ".gltf", ".vrma", ".usd", ".usda", ".usdc", ".bvh", ".obj", ".ply"),
 )
 MAX_RAD = {"gaze": 1.4, "head": 3.2, "jaw": 1.2}  # larger values are not radians
 LID_BOUNDS = (-1.5, 1.5)
@@ -60,24 +60,26 @@ def read_motion(
     mapping: KeyMap | None = None,
     eyes: str | None = None,
     joints: Mapping[str, str] | None = None,
+    animation: str | None = None,
 ) -> ImportedMotion:
     """Read a file of any format, and check units and eyes. `fps` is for files without a frame rate.
 
     `eyes` says what the forward axes of the eyes in the file are: lines of sight (`visual`) or optical axes
     (`optical`); by default what the file states, or what its format usually holds. `joints` are the names of joints of
-    a GLB, by left_eye, right_eye, head, neck and jaw.
+    a GLB, by left_eye, right_eye, head, neck and jaw, `animation` is the name of one of its animations.
     """
     if fps is not None and not 1 <= fps <= 1000:
         raise InputError(f"fps: should be 1 to 1000, got {fps:g}")
     if not path.exists():
         raise InputError(f"{path}: no such file")
     name, reader = ("map", partial(_mapped, mapping)) if mapping is not None else _reader(path)
-    if joints:
+    if joints or animation is not None:
         if name != "gltf":
-            raise InputError(f"{path}: joint: should be used with GLB, got {name}")
+            option = "joint" if joints else "animation"
+            raise InputError(f"{path}: {option}: should be used with GLB, got {name}")
         from talkingeyes.formats.readers.gltf import read_gltf
 
-        reader = partial(read_gltf, joints=check_joints(joints))
+        reader = partial(read_gltf, joints=check_joints(joints or {}), animation=animation)
     try:
         read = reader(path, fps)
         motion, said = (read.motion, read.notes) if isinstance(read, NotedMotion) else (read, ())
@@ -149,7 +151,7 @@ def _reader(path: Path) -> tuple[str, Reader]:
         ".npy": ("flame array", flame_parameters.read_flame_array),
         ".npz": ("flame", _read_npz),
         **dict.fromkeys((".pt", ".pth"), ("flame array", flame_parameters.read_flame_array)),
-        **dict.fromkeys((".glb", ".vrma"), ("gltf", gltf.read_gltf)),
+        **dict.fromkeys((".glb", ".gltf", ".vrma"), ("gltf", gltf.read_gltf)),
         **dict.fromkeys((".obj", ".ply"), ("mesh", mesh.read_mesh)),
         **dict.fromkeys((".usd", ".usda", ".usdc"), ("usd", usd.read_usd)),
     }

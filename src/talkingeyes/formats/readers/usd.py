@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.motion import Motion
 from talkingeyes.formats.joint_names import JOINTS, joints_by_name
-from talkingeyes.formats.readers.gltf import count_frames, motion_from_shapes
+from talkingeyes.formats.readers.gltf import count_frames, lost_shapes, motion_from_shapes
+from talkingeyes.formats.readers.noted import NotedMotion
+from talkingeyes.formats.shape_names import shape_names
 
 
-def read_usd(path: Path, fps: float | None = None) -> Motion:
+def read_usd(path: Path, fps: float | None = None) -> NotedMotion:
     """Read the first SkelAnimation of a stage."""
     try:
         from pxr import Tf, Usd, UsdSkel
@@ -35,14 +36,15 @@ def read_usd(path: Path, fps: float | None = None) -> Motion:
     names = [str(name).rsplit("/", 1)[-1] for name in found.GetJointsAttr().Get() or ()]
     joints = joints_by_name(names)
     turned = {joint: _turns(found, joints.get(joint, []), codes) for joint in JOINTS}
-    shapes = [str(name) for name in found.GetBlendShapesAttr().Get() or ()]
+    shapes = shape_names([str(name) for name in found.GetBlendShapesAttr().Get() or ()])
     rows = [found.GetBlendShapeWeightsAttr().Get(code) for code in codes] if shapes else []
     weights = dict(zip(shapes, np.array(rows, np.float64).T, strict=True)) if shapes else {}
     places = np.array([np.array(found.GetTranslationsAttr().Get(code))[0] for code in codes], np.float64)
     gaze = np.stack([turned["left_eye"], turned["right_eye"]], axis=1)
     rest = _rest(stage)
-    return motion_from_shapes(
-        rate, turned["head" if "head" in joints else "neck"], gaze, turned["jaw"], places - rest, weights
+    head = turned["head" if "head" in joints else "neck"]
+    return NotedMotion(
+        motion_from_shapes(rate, head, gaze, turned["jaw"], places - rest, weights), lost_shapes(weights)
     )
 
 

@@ -3,9 +3,11 @@
 Lids rotate on the eyeball about the axis between the eye corners (Becker & Fuchs 1988). The upper lid follows the eye
 downwards with gain 1, and upwards with 0.8 over the first 15 degrees, saturating; the lower lid follows with 0.35.
 People are asymmetric, and a lid varies (1.2 degrees) at constant gaze. In a blink the upper lid covers nine tenths of
-the opening and the lower lid the rest. Lids lie on two spheres, so the bulge of the cornea lifts them wherever it
-points. This is deliberately not of the form of the Eyelid model: gains change at zero, and the lift of a lid is not a
-sum of sines.
+the opening and the lower lid the rest. Horizontal gaze deforms them in two ways. Lids lie on two spheres, so the bulge of
+the cornea lifts them wherever it points. And the outer corner moves to the temple with abduction, 2 mm at the end of
+the range, because its tendon is attached to the check ligament of the lateral rectus (Gioia, Linberg & McCormick 1987);
+adduction leaves both corners in place. This is deliberately not of the form of the Eyelid model: gains change at zero,
+and the lift of a lid is not a sum of sines.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from numpy import ndarray
 
 from talkingeyes.core.rotation import angles_to_direction
 from talkingeyes.head.eyelid.model import LOWER, UPPER
-from talkingeyes.head.eyelid.region import TEMPORAL_AXES, EyelidRegion, elevation
+from talkingeyes.head.eyelid.region import CORNER_SKIN, TEMPORAL_AXES, EyelidRegion, elevation, smoothstep
 
 SCLERA_RADIUS_M, CORNEA_RADIUS_M, IRIS_RADIUS_M = 0.0125, 0.0078, 0.0059
 CORNEA_CENTRE_M = float(np.sqrt(SCLERA_RADIUS_M**2 - IRIS_RADIUS_M**2) - np.sqrt(CORNEA_RADIUS_M**2 - IRIS_RADIUS_M**2))
@@ -26,6 +28,7 @@ IRIS_CENTRE_M = float(np.sqrt(SCLERA_RADIUS_M**2 - IRIS_RADIUS_M**2))
 LID_CLEARANCE_M = 0.0008  # minimum distance between lid and eyeball, unless the lid is closer at rest
 UPPER_CLOSURE_SHARE = 0.9
 JITTER_RAD = np.radians(1.2)
+CANTHUS_SHIFT_M, FULL_ABDUCTION_RAD = 0.002, np.radians(45.0)
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,7 @@ def lid_points(
     upper, lower = _turns(region, angles_rad[:, 1], lid, eyelid_parameters, jitter_rad)
     turned = _turned(region.points, region.upper_share * upper + region.lower_share * lower)
     gaze = angles_to_direction(angles_rad) * TEMPORAL_AXES[region.eye]
+    turned[..., 0] += canthus_shift_m(gaze)[:, None] * _canthus_share(region)
     ahead = np.array([0.0, 0.0, 1.0])
     distance = np.linalg.norm(region.points, axis=-1)
     clearance = np.minimum(distance - eyeball_radius_m(region.points / distance[:, None], ahead), LID_CLEARANCE_M)
@@ -86,6 +90,19 @@ def lid_points(
     unit = turned / reach
     least = eyeball_radius_m(unit, gaze[:, None, :])[..., None] + clearance[:, None]
     return np.where(moved[:, None], unit * np.maximum(reach, least), turned)
+
+
+def canthus_shift_m(gaze: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N"]:
+    """Movement of the outer corner towards the temple, for gaze directions in the coordinates of a region."""
+    abduction = np.arctan2(gaze[..., 0], gaze[..., 2]) / FULL_ABDUCTION_RAD
+    return np.asarray(CANTHUS_SHIFT_M * np.clip(abduction, 0.0, 1.0))
+
+
+def _canthus_share(region: EyelidRegion) -> Float[ndarray, " N"]:
+    """Weight with which each point follows the outer corner: 0 at the inner one, fading in the skin beyond."""
+    along = np.clip(region.along, 0.0, 1.0) ** 2
+    beyond = 1.0 - smoothstep((region.along - 1.0) / CORNER_SKIN)
+    return np.asarray(along * beyond * np.maximum(region.upper_share, region.lower_share))
 
 
 def eyeball_radius_m(unit: Float[ndarray, "*N 3"], gaze: Float[ndarray, "*M 3"]) -> Float[ndarray, "*N"]:

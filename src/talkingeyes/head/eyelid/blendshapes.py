@@ -3,7 +3,8 @@
 Both stages of the model are linear in their inputs, so the lids of a head need five shapes per eye: the four gaze
 predictors, relative to gaze straight ahead, and the blink. The motion of skin beside the lid curves depends on the
 head. If it has ARKit's lid shapes, each of the five is the least-squares mixture of them that best matches the model's
-curves, so the skin folds as its sculptor intended. Otherwise the skin around the eye moves by construction. Only the
+curves, so the skin folds as its sculptor intended, and the skin at the margins moves by what is left. Otherwise the
+skin around the eye moves by construction. Only the
 weight of the blink is not linear: it closes the opening that remains at the current gaze
 (`model.EyelidModel.blink_weight`), measured on four lid landmarks.
 """
@@ -28,7 +29,8 @@ PREDICTORS = ("SinSum", "SinDifference", "CosAzimuth", "CosElevation")
 LID_SHAPES = tuple(f"lid{what}{side.title()}" for side in SIDES for what in (*PREDICTORS, "Blink"))
 EYE_POINTS = ("outer", "upper_outer", "upper_inner", "inner", "lower_inner", "lower_outer")
 AHEAD = gaze_predictors(np.zeros(2))
-SCULPTED = ("eyeBlink", "eyeLookDown", "eyeLookUp", "eyeSquint", "eyeWide")
+SCULPTED = ("eyeBlink", "eyeLookDown", "eyeLookIn", "eyeLookOut", "eyeLookUp", "eyeSquint", "eyeWide")
+CORRECTIONS = 3  # rounds in which the margins are moved onto the curves
 RIDGE = 1e-3  # relative to the mean square of a sculpted shape, because the shapes overlap
 
 
@@ -70,18 +72,19 @@ def with_eyelids(model: HeadModel, eyelid_parameters: EyelidParameters) -> HeadM
 
 
 def _mixture(model: HeadModel, around: EyelidRegion, curves: Float[ndarray, "5 P 3"]) -> Float[ndarray, "5 V 3"]:
-    """Mixtures of the sculpted lid shapes of an eye that match the heights of `curves`, in head axes.
-
-    Only heights are matched: they determine the opening, and depth follows from the sculpted skin.
-    """
+    """Shapes of an eye that move its lids along `curves`, in head axes: mixtures of the sculpted ones, corrected."""
     side = SIDES[around.eye].title()
     sculpted = model.expression[[model.shape(f"{name}{side}") for name in SCULPTED]]
     lids = slice(UPPER.start, LOWER.stop)
-    given = around.curves.of(sculpted)[:, lids, 1]
+    given, wanted = (points[:, lids].reshape(len(points), -1) for points in (around.curves.of(sculpted), curves))
     gram = given @ given.T
     ridge = RIDGE * np.trace(gram) / len(gram) * np.eye(len(gram))
-    mix = np.linalg.solve(gram + ridge, given @ curves[:, lids, 1].T).T
-    return np.asarray(np.tensordot(mix, sculpted, axes=1))
+    mix = np.linalg.solve(gram + ridge, given @ wanted.T).T
+    shapes = np.tensordot(mix, sculpted, axes=1)
+    for _ in range(CORRECTIONS):
+        left = curves - around.curves.of(shapes)
+        shapes[:, around.vertices] += around.spread(left)
+    return np.asarray(shapes)
 
 
 def eyelid_weights(

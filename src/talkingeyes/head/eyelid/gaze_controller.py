@@ -2,8 +2,7 @@
 
 Elisei, Bailly & Casari (AVSP 2007), section 5.2: a target in homogeneous coordinates (x, y, z, w) is the point (x, y,
 z) / w, and for w = 0 the direction (x, y, z) at optical infinity. One formula covers both cases, and the eyes converge
-on near targets. People converge a quarter to a third less than the geometry requires (Malinov et al. 2000):
-`vergence_gain`.
+on near targets. `animate --target` aims both lines of sight with it.
 """
 
 from __future__ import annotations
@@ -21,13 +20,11 @@ def aim_eyes(
     eyes: Float[ndarray, "2 3"],
     head: Float[ndarray, "*N 3"],
     translation: Float[ndarray, "*N 3"],
-    vergence_gain: float = 1.0,
 ) -> Float[ndarray, "*N 2 2"]:
     """(yaw, pitch) in the head of the left and right eye that look at a target in space.
 
-    `eyes` are their centres in head coordinates; a point p of the head is at R(head) p + translation in space. With
-    gain 1 both lines of sight meet at the target; with gain 0 the eyes stay parallel. Raises InputError for invalid
-    targets.
+    `eyes` are their centres in head coordinates; a point p of the head is at R(head) p + translation in space. Both
+    lines of sight meet at the target. Raises InputError for invalid targets.
     """
     if not np.isfinite(target).all():
         raise InputError(
@@ -41,6 +38,9 @@ def aim_eyes(
     length = np.linalg.norm(sight, axis=-1, keepdims=True)
     if (length < 1e-9).any():
         raise InputError("target: should be a point outside the eyes or a direction, got the centre of an eye or zeros")
-    angles = direction_to_angles(sight / length)
-    middle = angles.mean(axis=-2, keepdims=True)
-    return np.asarray(middle + vergence_gain * (angles - middle))
+    return direction_to_angles(sight / length)
+
+
+def homogeneous(points_m: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N 4"]:
+    """The homogeneous coordinates of points: w = 1."""
+    return np.concatenate([points_m, np.ones((*np.shape(points_m)[:-1], 1))], axis=-1)

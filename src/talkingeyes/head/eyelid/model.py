@@ -48,6 +48,11 @@ class ExplainedVariance:
     stage_one: float
     both_stages: float
 
+    @property
+    def of_residual(self) -> float:
+        """Fraction of the residual of stage one that stage two explains."""
+        return (self.both_stages - self.stage_one) / (1.0 - self.stage_one)
+
 
 @dataclass(frozen=True)
 class EyelidModel:

@@ -15,12 +15,14 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.head.eyelid.model import ANCHOR, LOWER, UPPER
+from talkingeyes.head.eyelid.model import ANCHOR, LOWER, POINTS, UPPER
 from talkingeyes.head.model import PARTS, HeadModel, Landmarks
 
 MAX_LID_DISTANCE_M = 0.045  # skin further from the eye does not belong to its lids
 ANCHOR_HEIGHT_M, CHEEK_DEPTH_M = 0.017, 0.015  # distance from the eye's centre at which the skin stops following a lid
 EYEBALL_M = 0.0125
+SMOOTH_DEGREE = 3
+CORNER_SKIN = 0.6  # how far beyond a corner the skin moves with it, relative to the width of the eye
 DIRECTIONS = 180
 SKIN = [PARTS.index("skin"), PARTS.index("brow")]
 TEMPORAL_AXES = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])  # from head axes to those of the left and right region
@@ -50,6 +52,21 @@ class EyelidRegion:
     @property
     def lower(self) -> Float[ndarray, "U 3"]:
         return self.points[LOWER]
+
+    def spread(self, curves: Float[ndarray, "N P 3"]) -> Float[ndarray, "N Q 3"]:
+        """Displacements of the vertices for displacements of the curves: those of the nearest lid, fading with it.
+
+        They are smooth along a lid, a polynomial, and horizontal at the corners, so that the skin does not crumple there.
+        """
+        inside = np.clip(self.along, 0.0, 1.0)
+        beyond = 1.0 - smoothstep(np.abs(self.along - inside) / CORNER_SKIN)
+        powers = np.polynomial.legendre.legvander(2.0 * inside - 1.0, SMOOTH_DEGREE)
+        moved = np.zeros((len(curves), len(self.vertices), 3))
+        for lid, share in ((UPPER, self.upper_share), (LOWER, self.lower_share)):
+            across = (beyond * share**2)[POINTS:, None] * powers[POINTS:] @ np.linalg.pinv(powers[lid])
+            spread = np.stack([across, *2 * [across * (4.0 * inside * (1.0 - inside))[POINTS:, None]]])
+            moved += np.einsum("dqp,npd->nqd", spread, curves[:, lid])
+        return moved
 
 
 def eyelid_region(model: HeadModel, eye: int) -> EyelidRegion:

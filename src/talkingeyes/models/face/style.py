@@ -19,10 +19,17 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.physiology.face import EMOTION_EXPRESSIONS
 
 EMOTIONS = tuple(EMOTION_EXPRESSIONS)
-INTENSITIES = (1, 2, 3)
+INTENSITIES, DEFAULT_INTENSITY = (1, 2, 3), 2
 NEUTRAL = "neutral"
 STYLE_FADE_S = 0.5  # crossfade of style changes within a clip
 StyleInput = Literal["speaker", "emotion", "intensity"]
+
+
+def default_intensity(emotion: str, intensity: int | None) -> int:
+    """The intensity of an emotion, with its default."""
+    if intensity is not None:
+        return intensity
+    return 0 if emotion == NEUTRAL else DEFAULT_INTENSITY
 
 
 @dataclass(frozen=True)

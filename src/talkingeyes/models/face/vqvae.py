@@ -2,8 +2,8 @@
 
 `layout` sets what a code represents. `frames`: the latent of a frame is cut into pieces of the width of a code, so that
 a code describes one frame. `channels`, as in the released program: latents are laid out channel by channel before they
-are cut, so that a code represents 128 consecutive values of one channel over time, and a change of one frame changes
-all codes of a clip. See docs/face_models.md.
+are cut, so that a code represents 128 consecutive values over time, across the border of two channels where the number
+of frames is no multiple of 128, and a change of one frame changes a code of each channel. See docs/face_models.md.
 
 The codebook term of eq. 3 is minimised in closed form (layers/quantiser.py); the commitment term is as in the paper.
 """
