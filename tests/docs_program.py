@@ -29,7 +29,7 @@ SUBSTITUTIONS = [
         rf"\1 {STEPS.format('pretrain.gaze_patches')} {STEPS.format('model.talkingeyes_codes_vae_head')}",
     ),
     (r"\bexperiment=posegan\b", "experiment=posegan_tiny workspace=build/posegan"),
-    (r"^(python -m pipelines\.posegan_table) --seeds [0-9,]+", r"\1 --seeds 0 experiment=posegan_tiny"),
+    (r"^(python -m pipelines\.results\.posegan_table) --seeds [0-9,]+", r"\1 --seeds 0 experiment=posegan_tiny"),
     (
         r"\bexperiment=probtalk3d_table\b",
         f"experiment=[probtalk3d_table,tiny] {STEPS.format('pretrain.face_vae')} {STEPS.format('model.face_vae')}",
