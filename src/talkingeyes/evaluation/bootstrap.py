@@ -1,11 +1,10 @@
-"""Estimates with intervals: seeded percentile bootstrap over clips.
-
-Estimates of a table's cells and of differences of cells, with intervals over sounds and over speakers.
+"""Estimates with intervals: seeded percentile bootstrap over clips, over speakers, and over seeds of training.
 
 Sounds of one speaker are alike, so an interval for new people is one over speakers (a cluster bootstrap: speakers are
 resampled, each with all of its sounds). Rows are compared on the same resamples.
 
-Metrics over several seeds of training and sampling: mean, its interval over clips, and range over seeds.
+Over several seeds of training and sampling, a metric has its mean, the interval of the mean over clips, and the range
+of the seeds.
 """
 
 from __future__ import annotations

@@ -1,14 +1,13 @@
-"""Corruptions of blinks as animation systems make them: shallow, slow, missing, by a timer.
+"""Corruptions of true motion that test which metrics detect them: freezing, jitter, delay, mirroring, smoothing.
 
-Lid closure is split into blinks, from the frame before each detected onset to three frames after its offset, where the
-lids still open, and the course between (interpolated across blinks). Only the blinks change. Strengths: corruptions.py.
+A metric that does not rank the truth above a corruption cannot detect it (docs/results/sensitivity.md). Each corruption
+has a strength: 0 leaves the motion unchanged, 1 is the fault as it occurs in practice (a flipped sign, a filter of
+three frames, the noise of a cheap tracker). A dose is a strength in units of the fault (degrees, seconds, a fraction).
+Signs: docs/conventions.md.
 
-Corruptions of true motion that test which metrics detect them: freezing, jitter, delay, mirroring, smoothing.
-
-A metric that does not rank the truth above a corruption cannot detect it (docs/results/sensitivity.md). Each
-corruption has a strength: 0 leaves the motion unchanged, 1 is the fault as it occurs in practice (a flipped sign, a
-filter of three frames, the noise of a cheap tracker). A dose is a strength in units of the fault (degrees, seconds, a
-fraction). Signs: docs/conventions.md.
+Blinks are corrupted as animation systems do: shallow, slow, missing, by a timer. Lid closure is split into blinks, from
+the frame before each detected onset to three frames after its offset, where the lids still open, and the course between
+(interpolated across blinks). Only the blinks change.
 """
 
 from __future__ import annotations

@@ -1,6 +1,5 @@
-"""All metrics of the benchmark, in the order of its table.
-
-Contents of benchmark.json: the version of the benchmark, and models that give its JSON Schema.
+"""All metrics of the benchmark, in the order of its table; the version of the benchmark, and the JSON Schema of
+benchmark.json.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 A blink rises at least `MIN_PEAK_CLOSURE` above the clip's resting closure (its median, as people differ in how wide
 they open their eyes) and lasts while closure is above `EDGE_FRACTION` of its own depth. If the lids do not reopen at
-least half way between two peaks, the peaks count as one blink. A closure longer than one second is not a blink
-(Doughty 2001 reports 334 +- 67 ms). Times are interpolated between frames.
+least half way between two peaks, the peaks count as one blink. A closure longer than one second is not a blink (Doughty
+2001 reports 334 +- 67 ms). Times are interpolated between frames.
 """
 
 from __future__ import annotations

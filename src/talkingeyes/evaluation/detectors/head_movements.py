@@ -1,9 +1,9 @@
 """Detection of head movements: bursts of rotation between two minima of angular speed.
 
-The head of a speaker never rests (Hadar et al. 1983), so a movement cannot be defined as the interval between rests.
-It is a peak of angular speed of at least `MIN_PEAK_DEG_S` that turns the head by at least `MIN_AMPLITUDE_DEG`. It
-extends on both sides to where speed has fallen to a tenth of the peak or rises again. A nod is two movements, down and
-up. Speed is computed over 80 ms at any frame rate, so that all rates give the same movements.
+The head of a speaker never rests (Hadar et al. 1983), so a movement cannot be defined as the interval between rests. It
+is a peak of angular speed of at least `MIN_PEAK_DEG_S` that turns the head by at least `MIN_AMPLITUDE_DEG`. It extends
+on both sides to where speed has fallen to a tenth of the peak or rises again. A nod is two movements, down and up.
+Speed is computed over 80 ms at any frame rate, so that all rates give the same movements.
 """
 
 from __future__ import annotations

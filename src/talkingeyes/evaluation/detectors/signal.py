@@ -1,13 +1,12 @@
-"""Input checks, runs of frames and timed events, common to all detectors.
+"""What detectors and measures share: input checks, runs of frames, timed events; power spectra.
 
 Input must have a supported frame rate, last at least a second, and be finite in valid frames.
 
-Power spectra by Welch's method (1967), and their summaries: slope, power above 5 Hz, distance in decibels.
-
-Human eyes and heads have little power above 5 Hz apart from saccades, so jitter and oversmoothing both show there. The
-steps of gaze give its spectrum a slope of about -2 (a saccade is a step). The spectrum of a clip is a sum over
-segments, so clips are resampled without keeping their frames. Frames are point samples: a saccade faster than a frame
-aliases into the band, in truth and samples alike, so compare only spectra at the same frame rate.
+Spectra are Welch's (1967), with their summaries: slope, power above 5 Hz, distance in decibels. Human eyes and heads
+have little power above 5 Hz apart from saccades, so jitter and oversmoothing both show there. The steps of gaze give
+its spectrum a slope of about -2 (a saccade is a step). The spectrum of a clip is a sum over segments, so clips are
+resampled without keeping their frames. Frames are point samples: a saccade faster than a frame aliases into the band,
+in truth and samples alike, so compare only spectra at the same frame rate.
 """
 
 from __future__ import annotations

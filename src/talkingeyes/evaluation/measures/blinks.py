@@ -1,12 +1,11 @@
-"""Blink metrics: rate, duration, depth, regularity, and coupling to gaze shifts and phrase ends.
+"""Blinks: rate, duration, depth, regularity, kinematics, and coupling to gaze shifts and phrase ends.
 
 Blinks accompany gaze shifts (Evinger et al. 1994) and follow the ends of phrases (Nakano & Kitazawa 2010). A coupling
 is the blink rate inside a window divided by the rate outside it, so that a higher blink rate alone does not raise it.
 
-Blinks: rate, duration, kinematics, and coupling to phrase ends and gaze shifts.
-
-Sources: Doughty 2001, Bentivoglio 1997 (rates), VanderWerf 2003 and Sforza 2008 (kinematics, measured at the highest
-frame rate), Nakano & Kitazawa 2010 (ends of phrases), Evinger 1994 (gaze shifts).
+The reference ranges have rates by speaker, kinematics at the highest frame rate, and blinks at gaze shifts against the
+model of them. Sources: Doughty 2001, Bentivoglio 1997 (rates), VanderWerf 2003 and Sforza 2008 (kinematics), Nakano &
+Kitazawa 2010 (ends of phrases), Evinger 1994 (gaze shifts).
 """
 
 from __future__ import annotations
@@ -168,6 +167,7 @@ METRICS = (
 )
 
 
+# Statistics of the reference ranges, from arrays pooled over clips (pooled.py).
 NEAR_END_S = 0.5
 SHIFT_DEG = (20.0, 30.0)
 AT_SHIFT_S = (-0.1, 0.2)

@@ -1,4 +1,4 @@
-"""Contrastive training of the audio-motion critic with InfoNCE (van den Oord et al. 2018).
+"""The contrastive audio-motion critic: training with InfoNCE (van den Oord et al. 2018), Corr., and scores.
 
 A positive is the speech and the motion of one window of the train split. The negatives are the motions of other sounds
 of the same speaker and the right motion shifted in time. Motions of other speakers are not used as negatives, so the
@@ -8,15 +8,12 @@ Where no speaker has two sounds, as in a corpus of single short videos, time shi
 and validation. Such a critic detects synchrony, not which sound a motion belongs to; `TIME_SHIFTS_ONLY` is the caveat
 reported with its scores.
 
-Corr. (section V-B.3): the cosine of the critic's features of sound and motion over windows of 8 s; the critic's AUC.
+Corr. (section V-B.3) is the cosine of the critic's features of sound and motion over windows of 8 s. Higher is not
+better: a conditional mean is more predictable than true motion, and a constant can score above a random sample. Corr.
+is therefore read as a difference from the Corr. of the truth, next to shuffled truth and a constant.
 
-Higher is not better: a conditional mean is more predictable than true motion, and a constant can score above a random
-sample. Corr. is therefore read as a difference from the Corr. of the truth, next to shuffled truth and a constant.
-
-Scores of a critic: its AUC against wrong pairs, and Corr. of the truth and of baselines.
-
-A Corr. cannot be interpreted without them: how often the right motion scores above another motion of the same speaker,
-and the Corr. of the truth, of the truth under other sounds, and of a motionless face.
+A Corr. cannot be interpreted without the scores of its critic: how often the right motion scores above another motion
+of the same speaker, and the Corr. of the truth, of the truth under other sounds, and of a motionless face.
 """
 
 from __future__ import annotations

@@ -1,22 +1,21 @@
-"""Maximum mean discrepancy between two sets of windows, with a permutation test (Gretton et al. 2012).
+"""Distances between distributions of windows: MMD, Frechet distance, precision and coverage, energy score.
 
-MMD^2 = E k(x, x') + E k(y, y') - 2 E k(x, y), unbiased, with a Gaussian kernel whose width is the median distance
-within the reference. Windows of one clip are similar, so pairs within a clip are left out, and pairs with the same
-sound across paired sets as well. The permutation test shuffles whole clips; otherwise it would find differences
-everywhere. The cost is quadratic in the number of windows, so a fixed number of windows is sampled, evenly over clips.
+Maximum mean discrepancy, with a permutation test (Gretton et al. 2012): MMD^2 = E k(x, x') + E k(y, y') - 2 E k(x, y),
+unbiased, with a Gaussian kernel whose width is the median distance within the reference. Windows of one clip are
+similar, so pairs within a clip are left out, and pairs with the same sound across paired sets as well. The permutation
+test shuffles whole clips; otherwise it would find differences everywhere. The cost is quadratic in the number of
+windows, so a fixed number of windows is sampled, evenly over clips.
 
 Frechet distance between two Gaussians of features (Dowson & Landau 1982; Heusel et al. 2017).
 
-d^2 = |m1 - m2|^2 + tr(S1 + S2 - 2 (S1 S2)^(1/2)), over the features of windows (encoder.py). It is biased upwards by
-about the number of features over the number of windows, so do not read it with fewer than ten windows per feature.
+d^2 = |m1 - m2|^2 + tr(S1 + S2 - 2 (S1 S2)^(1/2)), over the features of windows. It is biased upwards by about the
+number of features over the number of windows, so do not read it with fewer than ten windows per feature.
 
-Coverage and precision: do the samples include what people do, and nothing else?
+Precision is the fraction of samples inside the k-nearest-neighbour ball of any true window (Kynkaanniemi et al. 2019).
+Coverage is the fraction of true windows whose ball holds a sample (Naeem et al. 2020). A constant near the mean has a
+good precision and a low coverage, and noise the opposite.
 
-In the features of windows, precision is the fraction of samples inside the k-nearest-neighbour ball of any true window
-(Kynkaanniemi et al. 2019). Coverage is the fraction of true windows whose ball holds a sample (Naeem et al. 2020). A
-constant near the mean has a good precision and a low coverage, and noise the opposite.
-
-Energy score of samples against the observed motion, by windows (core/energy_score.py).
+The energy score is of samples against the observed motion (core/energy_score.py).
 """
 
 from __future__ import annotations

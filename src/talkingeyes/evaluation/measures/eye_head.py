@@ -1,14 +1,11 @@
-"""Metrics of the coordination of both eyes and of eyes and head.
+"""Coordination of both eyes, and of eyes and head; range and vergence of the eyes.
 
 During fixations the eyes rotate against the head (vestibulo-ocular reflex): the slope of eye velocity on head velocity
 is near -1. Its sign reveals a flipped axis, which norms do not. In a gaze shift the head follows later and covers a
 part of the shift (Guitton & Volle 1987; Stahl 1999).
 
-Range and vergence of the eyes, and head contribution and head lag of gaze shifts.
-
-Stahl 1999: the head contributes beyond a threshold of eccentricity. Guitton & Volle 1987: it starts after the eye. The
-onset of a head movement cannot be detected to within 20 ms in a head that is never still, so onsets are taken from the
-events, where known. The head contribution is measured from the motion.
+The reference ranges measure the head contribution to large gaze shifts from the motion. The onset of a head movement
+cannot be detected to within 20 ms in a head that is never still, so onsets are taken from the events, where known.
 """
 
 from __future__ import annotations
@@ -281,6 +278,7 @@ METRICS = (
 )
 
 
+# Statistics of the reference ranges, from arrays pooled over clips (pooled.py).
 YAW_DEG, PITCH_DEG = 30.0, (-30.0, 20.0)
 ROUNDING_DEG = 0.01  # of float32 files
 FOLLOWED_S = (-0.1, 0.8)  # from saccade onset; the interval over which head rotation is measured

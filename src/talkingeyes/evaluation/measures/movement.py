@@ -1,12 +1,11 @@
-"""Metrics of movement between frames: speed, still frames, spread and spectra of head, eyes and gaze in space.
+"""Movement between frames: speed, still frames, spread and spectra of head, eyes and gaze in space.
 
 True gaze in space is still in about nine of ten frames. Jitter lowers this fraction and adds power above 5 Hz;
 smoothing removes the fastest frames. Spectra: `detectors/signal.py`.
 
-The head in speech: speed, spectrum and correlation with prosody.
-
-There are two different correlations with prosody. The first canonical correlation is fitted to each sentence (Busso et
-al. 2005: about 0.7, optimistic by construction). The plain correlation over all frames is small.
+The reference ranges have the head in speech besides, with two different correlations with prosody. The first canonical
+correlation is fitted to each sentence (Busso et al. 2005: about 0.7, optimistic by construction). The plain correlation
+over all frames is small.
 """
 
 from __future__ import annotations
@@ -292,6 +291,7 @@ METRICS = (
 )
 
 
+# Statistics of the reference ranges, from arrays pooled over clips (pooled.py).
 SLOW_MOVEMENT_HZ = 1.8
 MIN_SENTENCE_S = 1.5
 RIDGE = 1e-6

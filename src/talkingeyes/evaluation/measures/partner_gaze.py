@@ -1,4 +1,4 @@
-"""Metrics of gaze at the partner and gaze aversion: amount, duration, and timing relative to speech.
+"""Gaze at the partner and gaze aversion: amount, duration, and timing relative to speech.
 
 The aversion curve is the fraction of events at which gaze is averted, as a function of the lag; events are onsets and
 offsets of speech, starts and ends of the speaker's turns, silent hesitations and fillers. People tend to begin to speak
@@ -7,10 +7,9 @@ Kingstone 2015). At onsets and offsets the effect is weak: below MIN_EVENTS the 
 seconds of a clip are left out: recordings begin alike, with silence and then speech, so that motion under any other
 sound shows part of the effect. Where a clip begins or ends within speech, a turn or a pause is no event.
 
-Gaze at the partner and gaze aversion: amount, duration and timing in speech (Argyle & Cook 1976; Kendon 1967).
-
-Dwells that are cut off by the end of a clip are censored (Kaplan & Meier 1958). If they were left out, no dwell in
-clips of eight seconds would seem to last longer than four.
+The reference ranges (Argyle & Cook 1976; Kendon 1967) have amounts by speaker and the duration of dwells. Dwells that
+are cut off by the end of a clip are censored (Kaplan & Meier 1958). If they were left out, no dwell in clips of eight
+seconds would seem to last longer than four.
 """
 
 from __future__ import annotations
@@ -300,6 +299,7 @@ METRICS = (
 )
 
 
+# Statistics of the reference ranges, from arrays pooled over clips (pooled.py).
 # Windows around the start and the end of an utterance in which the gaze state is determined.
 START_S, END_S = (-0.2, 0.5), (-0.4, 0.2)
 BEFORE_S = 2.0  # time of the clip before an utterance that is needed to find the onset of an aversion

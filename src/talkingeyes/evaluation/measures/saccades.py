@@ -1,15 +1,13 @@
-"""Metrics of saccades of gaze in space (rate, amplitude, direction, main sequence, duration) and of fixations.
+"""Saccades of gaze in space (rate, amplitude, direction, main sequence, duration) and fixations.
 
 Peak speeds are compared with the main sequence as sampled at the frame rate of the motion: at 25 frames per second a
 saccade of five degrees shows less than half its true peak speed (Mack et al. 2017), so the truth would not follow the
 continuous main sequence. Sources: Bahill, Clark & Stark 1975; Lee, Badler & Badler 2002; Salvucci & Goldberg 2000.
 Directions: sector 0 is the subject's left, 2 up, 4 right, 6 down.
 
-Main sequence of saccades: peak speed and duration by amplitude, at high frame rates and as sampled at 25 fps.
-
-Bahill, Clark & Stark 1975: peak = Vmax (1 - exp(-A / c)). Collewijn, Erkelens & Steinman 1988: duration is linear in
-amplitude. At 25 frames per second a saccade of five degrees shows less than half its peak speed, so the peak speed of
-each saccade is also compared with that of the same saccade at the highest rate (Mack et al. 2017).
+The benchmark counts all saccades that the detector finds. The reference ranges pool those of at least a degree that are
+not of a blink, and fit the main sequence at high frame rates: peak = Vmax (1 - exp(-A / c)) (Bahill et al.), duration
+linear in amplitude (Collewijn, Erkelens & Steinman 1988); and compare peaks with those of the same saccades at 25 fps.
 """
 
 from __future__ import annotations
@@ -311,6 +309,7 @@ METRICS = (
 )
 
 
+# Statistics of the reference ranges, from arrays pooled over clips (pooled.py).
 MIN_AMPLITUDE_DEG = 1.0  # smaller ones are fixational, and not detected at 25 fps
 MATCH_TOLERANCE_S = 0.06
 MAX_BLINK_ROTATION_DEG, ROUND_BLINK_S = 5.0, 0.05

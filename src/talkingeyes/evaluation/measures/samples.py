@@ -1,13 +1,12 @@
-"""Metrics over all motions of one sound: Diversity, energy score and distance to the nearest sample (minADE).
+"""Motions under one sound: Diversity, energy score, the nearest sample (minADE), and correlation with the reference.
 
-They need several motions of a sound and show whether samples differ as takes of people do, and whether the true motion
-is among them. The truth is evaluated by comparing its takes with each other.
+The first three need several motions of a sound and show whether samples differ as takes of people do, and whether the
+true motion is among them. The truth is evaluated by comparing its takes with each other.
 
-Correlation with the reference under the same sound: direction of gaze aversion and head posture.
-
-Individuals prefer a side when they avert gaze, and a posture of the head. Over a population left and right are
-balanced, so distributions do not distinguish a mirrored motion from the true one; these correlations do. A model that
-is not conditioned on the speaker has a correlation of 0, which is no error; a negative value is one.
+The correlations are of the direction of gaze aversion and of head posture. Individuals prefer a side when they avert
+gaze, and a posture of the head. Over a population left and right are balanced, so distributions do not distinguish a
+mirrored motion from the true one; these correlations do. A model that is not conditioned on the speaker has a
+correlation of 0, which is no error; a negative value is one.
 """
 
 from __future__ import annotations

@@ -1,17 +1,15 @@
-"""Windows of 256 frames of poses, as used by every measurement of the paper (section 4.3): sliding, or end to end.
+"""Who moves, and to which speech: classifiers of windows of 256 frames of poses (Zhang et al., sections 4.3 and 5).
 
-Classifier of speakers from head motion over 256 frames (Zhang et al., section 5.2.2, Table 3).
+The classifier of speakers (section 5.2.2, Table 3) is trained on true motion of the train split and its checkpoint is
+chosen on val. For generated motion it gives the confidence that the motion belongs to the intended speaker. Its input
+is motion only (differences of frames, in standard deviations of the train split), never the pose; a still head gets the
+same answer for every speaker. Its confidences for a new person are the weights of the learnt styles of the training
+speakers; the largest selects the nearest style.
 
-It is trained on true motion of the train split and its checkpoint is chosen on val. For generated motion it gives the
-confidence that the motion belongs to the intended speaker. Its input is motion only (differences of frames, in standard
-deviations of the train split), never the pose; a still head gets the same answer for every speaker. Its confidences for
-a new person are the weights of the learnt styles of the training speakers; the largest selects the nearest style.
-
-Head-speech consistency by one-class SVMs on correlations (Zhang et al., section 5.1, eq. 9, Table 1).
-
-For every 256 frames, the Pearson correlations of 29 speech features with the six numbers of the pose give 174 features.
-A one-class SVM (Schoelkopf et al. 2001) is trained on each speaker's own speech and poses of the train split. The
-metric is the fraction of test windows that it accepts, for own poses and for poses of other windows of each speaker.
+Head-speech consistency is measured by one-class SVMs on correlations (section 5.1, eq. 9, Table 1). For every window,
+the Pearson correlations of 29 speech features with the six numbers of the pose give 174 features. A one-class SVM
+(Schoelkopf et al. 2001) is trained on each speaker's own speech and poses of the train split. The metric is the
+fraction of test windows that it accepts, for own poses and for poses of other windows of each speaker.
 
 Unlike the paper, whose 29 speech features are the characters of DeepSpeech, PCA reduces the embedding to 29.
 """

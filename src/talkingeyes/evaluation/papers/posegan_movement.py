@@ -2,10 +2,9 @@
 
 Poses are in standard deviations of the train split, so that the six numbers have equal weight.
 
-How a person moves, in the recording and by models: style of head and eyes over clips, with intervals over clips.
-
-The style of a clip is movement.measure_style: log standard deviations of rotations and of their first and second
-differences. It grows with the length of a clip, so compare clips of similar lengths.
+The style of a clip (`measure_style`; of the eyes, too, for models of one person) is: log standard deviations of
+rotations and of their first and second differences. It grows with the length of a clip, so compare clips of similar
+lengths.
 """
 
 from __future__ import annotations

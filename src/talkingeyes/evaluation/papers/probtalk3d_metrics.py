@@ -1,11 +1,10 @@
-"""Emotion recognition from a face, by a classifier trained on true faces of the train split only.
+"""Face metrics of one sound, and of all sounds of a row with intervals over sounds; emotion recognition.
 
-Linear discriminant analysis with a shrunken covariance (Friedman 1989) and equal priors, on the mean and the SD over a
-clip of the positions of the landmarks, in millimetres. Blend shape weights would not do: several shapes look alike, and
-a fit distributes the motion among them. `SHRINKAGE` is the middle of the range (0.1 to 0.6) that works equally well on
-held-out speakers of the train split.
-
-Face metrics of one sound, and of all sounds of a row with intervals over sounds.
+Emotions are recognised by a classifier trained on true faces of the train split: linear discriminant analysis with a
+shrunken covariance (Friedman 1989) and equal priors, on the mean and the SD over a clip of the positions of the
+landmarks, in millimetres. Blend shape weights would not do: several shapes look alike, and a fit distributes the motion
+among them. `SHRINKAGE` is the middle of the range (0.1 to 0.6) that works equally well on held-out speakers of the
+train split.
 
 The reference is the true motion, or fitted motion in a corpus without truth. MVE and LVE average over frames, the
 others over sounds, as in the text of ProbTalk3D. The mean face has the best MVE and multi-sample errors, and a shut

@@ -1,14 +1,12 @@
-"""Table 1 of ProbTalk3D as Markdown: face metrics of each row with intervals over sounds, next to the paper's numbers.
+"""Table 1 of ProbTalk3D as Markdown, next to the paper's numbers, and its Figs. 5 to 8.
 
 The paper labels its columns "x10^-3 mm" and similar; its code computes metres of FLAME and their squares. Read that
 way, which gives an LVE of 5 to 18 mm, its numbers appear here in mm and mm2. They come from another corpus (3DMEAD),
 head and split: compare the order of rows, not the values.
 
-Pictures of faces on the open head: how much each vertex moves (ProbTalk3D, Fig. 6), and sheets of frames (its Fig.
-5, 7 and 8).
-
-A heat map shows for each vertex the mean or the SD over time of its displacement between consecutive frames, in
-millimetres. All maps of a sheet share one scale, from 0 to the 99th percentile of the first row.
+Figs. 5, 7 and 8 are sheets of frames, Fig. 6 how much each vertex moves, on the open head. A heat map shows for each
+vertex the mean or the SD over time of its displacement between consecutive frames, in millimetres. All maps of a sheet
+share one scale, from 0 to the 99th percentile of the first row.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
-"""Agreement of the order of rows with the paper's order, by pairs of rows, with Kendall's tau.
+"""What our rows say of TalkingEyes' Tables II, III, V, VI and VII: their claims, and the order of rows.
 
-A pair of rows agrees if our difference, as a mean over seeds, has the sign of the paper's. It is significant if the
-interval of our difference over speakers excludes 0 on the same side in more than half of the seeds. The paper gives no
-intervals, so all its pairs count; pairs with equal numbers in the paper have no order and are left out.
+The order is compared by pairs of rows, with Kendall's tau. A pair of rows agrees if our difference, as a mean over
+seeds, has the sign of the paper's. It is significant if the interval of our difference over speakers excludes 0 on the
+same side in more than half of the seeds. The paper gives no intervals, so all its pairs count; pairs with equal numbers
+in the paper have no order and are left out.
 
-The claims of TalkingEyes' Tables II, III, V, VI and VII, and the verdict of our rows on each, for both families.
-
-A claim is one or several comparisons of two rows in one column. The rule, fixed before the first run: of each seed, the
-difference of the two rows is taken with its 95 % interval over speakers.
+A claim, judged for both families, is one or several comparisons of two rows in one column. The rule, fixed before the
+first run: of each seed, the difference of the two rows is taken with its 95 % interval over speakers.
 
 - A difference: `reproduced` if the interval lies above 0 in more than half of the seeds, `not reproduced` if it lies
   below 0 in more than half.

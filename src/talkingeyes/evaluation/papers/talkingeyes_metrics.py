@@ -4,11 +4,10 @@ L2, Diversity and Corr. compare with fitted motion; dynamics compare with the tr
 corpus without truth. The parts are `gaze` (eye-in-head), `gaze_in_space` and `head`. The mean pose has the best L2 and
 a conditional mean the best Corr., so each metric is reported with its reference over the same clips.
 
-L2 and Diversity, the paper's two distances (section V-B.3, Tables III and V).
-
-Both are means over frames of the Euclidean norm over all six radians of gaze (three of the head), not the root of a
-mean of squares. The paper's ratio of Random to Mean, 1.40, is close to the square root of 2 and supports this reading.
-A constant near the mean has the best L2 and noise the best Diversity, so neither should be read alone.
+L2 and Diversity (section V-B.3) are means over frames of the Euclidean norm over all six radians of gaze (three of the
+head), not the root of a mean of squares. The paper's ratio of Random to Mean, 1.40, is close to the square root of 2
+and supports this reading. A constant near the mean has the best L2 and noise the best Diversity, so neither should be
+read alone.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
-"""Results of one table with one training seed: estimates of its cells, and of the differences that pages compare.
+"""Metrics of a row of the paper's tables, and results of a table with one training seed: cells and their differences.
 
-One file per table and seed (tables_seeds/TABLE-SEED.json), complete in itself, so that seeds computed at different
-times and on different machines make one page. Sounds are not kept: means and limits of several seeds are means over
-seeds.
-
-Metrics of a row of the paper's tables: numbers per sound, and their statistics over sounds.
+Results are one file per table and seed (tables_seeds/TABLE-SEED.json), complete in itself, so that seeds computed at
+different times and on different machines make one page. Sounds are not kept: means and limits of several seeds are
+means over seeds.
 
 Table II of the paper describes in words how far VAE and VQ-VAE let a part move ("nearly stationary", "exaggerated").
 Here it is measured: the range of a motion is the middle 95 % of each rotation component, averaged over components

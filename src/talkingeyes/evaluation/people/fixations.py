@@ -1,8 +1,8 @@
 """Fixations of people by conversational state, and the reader of the recorded ones.
 
-Recorded people: fixations of twelve people in remote conversation, an eye tracker at 90 Hz (Dembinsky, Watanabe,
-Dengel & Ishimaru 2024, ETRA). A segment is a stretch without a lost sample inside a turn; it lasts a second or so, and
-the stretch goes on behind both of its ends. Fixations are therefore in segments, and measures respect the cuts.
+Recorded people: fixations of twelve people in remote conversation, an eye tracker at 90 Hz (Dembinsky, Watanabe, Dengel
+& Ishimaru 2024, ETRA). A segment is a stretch without a lost sample inside a turn; it lasts a second or so, and the
+stretch goes on behind both of its ends. Fixations are therefore in segments, and measures respect the cuts.
 
 Two consecutive fixations nearer than MERGE_DEG are one: the published detector splits fixations by its noise (half of
 all steps are shorter). Directions are degrees of yaw (to the subject's left) and pitch (up).

@@ -1,13 +1,12 @@
-"""Measures of where and how long a person looks, from fixations in short, cut segments.
+"""Where and how long a person looks, from fixations in short, cut segments; distances between people in it.
 
 Rates are events per observed second. Durations are restricted means of the Kaplan-Meier estimate (Kaplan & Meier 1958):
 the mean time up to LONGEST_S, from fixations whose onset was seen, where those that a segment cuts count as censored.
 
-Distance of a group of speakers to recorded people, in units of the distance between people.
-
-For each measure: |median over the speakers - median over the people| / mean absolute difference of two people. 1 means
-that the typical speaker is as far from the typical person as two people are from each other. Halves of the people, six
-against six, are 0.4 to 0.5 apart on average, so a ratio below that is no merit.
+The distance of speakers to recorded people is in units of the distance between people. For each measure: |median over
+the speakers - median over the people| / mean absolute difference of two people. 1 means that the typical speaker is as
+far from the typical person as two people are from each other. Halves of the people, six against six, are 0.4 to 0.5
+apart on average, so a ratio below that is no merit.
 
 Where fewer than MIN_SPEAKERS have enough data for a measure (a few seconds of listening each), all speakers are pooled,
 relative to the home of each. Intervals resample people, and speakers where they are not pooled. A distance cannot be

@@ -1,4 +1,4 @@
-"""A simulated screen tracker, and the detector of fixations of the recorded people.
+"""A simulated screen tracker, the detector of fixations of the recorded people, and gaze that looks at nothing.
 
 Generated gaze passes both before it is compared with recorded people: it is sampled at 90 Hz, gets noise and loses
 samples, and fixations are found in it as in the recordings. The detector is that of the data set (its script
@@ -11,12 +11,11 @@ people that are not kept for validation (medians of people). While they listen, 
 one nearer than 1.5 degrees, half of these by one nearer than 0.5 degrees: noise and small saccades. Under the noise
 here, a still gaze that the tracker loses as often splits 0.8 times a second, into fixations 0.3 degrees apart. Segments
 last 0.8 s while speaking and 1.2 s while listening (first onset to last end), which 1.43 and 0.91 losses per second
-give. Blinks of the motion lose samples too; BLINKS_PER_S is taken off the random losses. Segments are 0.56 s
-apart, of which about 0.3 s are the fixation that is left out.
+give. Blinks of the motion lose samples too; BLINKS_PER_S is taken off the random losses. Segments are 0.56 s apart, of
+which about 0.3 s are the fixation that is left out.
 
-Gaze that looks at nothing: a baseline that a measure must fail to be worth anything.
-
-The eyes jump to a direction drawn uniformly every 0.2 to 5 s and rest there; the head is still, and sound is not used.
+Gaze that looks at nothing is a baseline that a measure must fail to be worth anything: the eyes jump to a direction
+drawn uniformly every 0.2 to 5 s and rest there; the head is still, and sound is not used.
 """
 
 from __future__ import annotations

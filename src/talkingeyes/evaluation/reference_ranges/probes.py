@@ -4,10 +4,9 @@
   Gram matrices of each speaker are kept, so memory does not grow with the corpus.
 - Fraction of the variance that lies between takes of the same sound.
 - Intraclass correlation of style over segments of half a minute of each speaker.
+- Discrimination of the matched sound from other sounds of the same speaker, over windows of 8 s.
 
-Discrimination of matched sound from other sounds of the same speaker, over windows of 8 s.
-
-The critic's two towers (evaluation/measures/critic.py) are trained on the true motion of the train split
+For the last, the critic's two towers (evaluation/measures/critic.py) are trained on the true motion of the train split
 (gaze in space, head, jaw) and tested on unseen sounds and speakers. Gaze and head are combined by the sum of their
 similarities. p is the rank of the mean similarity of matched pairs among random pairings within each speaker.
 """

@@ -1,16 +1,15 @@
-"""Information that speech gives about motion, in nats per second.
+"""Information that speech gives about motion, and about gaze aversion in any motion, in nats per second.
 
-It is the log-likelihood of the events of true motion under a model, less that under its twin that was trained without
-speech input. The head is scored given speech, gaze given speech and head, so the parts add up to the information about
-the whole motion (chain rule). What moves like people whatever the sound has none; under another sound it is negative
-for a model that relies on speech. Intervals are over speakers.
+About motion it is the log-likelihood of the events of true motion under a model, less that under its twin that was
+trained without speech input. The head is scored given speech, gaze given speech and head, so the parts add up to the
+information about the whole motion (chain rule). What moves like people whatever the sound has none; under another sound
+it is negative for a model that relies on speech. Intervals are over speakers.
 
-Information of speech about gaze aversion, in nats per second, for any motion.
-
-In steps of 80 ms, the hazard of leaving the partner, and that of returning, is a logistic regression on the time since
-the last change, without and with the events of speech (in bins of 0.25 s up to 2 s before and after each). The figure
-is the gain in log-likelihood by the events on speakers that the regression was not fitted to (five folds). It needs no
-likelihood of a model; gaze that moves like people whatever the sound has none (below 0: what the regression overfits).
+About gaze aversion: in steps of 80 ms, the hazard of leaving the partner, and that of returning, is a logistic
+regression on the time since the last change, without and with the events of speech (in bins of 0.25 s up to 2 s before
+and after each). The figure is the gain in log-likelihood by the events on speakers that the regression was not fitted
+to (five folds). It needs no likelihood of a model; gaze that moves like people whatever the sound has none (below 0:
+what the regression overfits).
 
 Small effects count by their square: with half of the truth's change of averted gaze around events, gaze has about a
 quarter of its information. A conditional mean has much information about little motion: read it with `changes_per_s`.

@@ -1,9 +1,8 @@
-"""Plots of the report: metrics with intervals, traces of one sound, distributions of speed, code usage.
+"""Plots of the report: metrics with intervals, traces of one sound, distributions of speed, code usage; strips.
 
-Strip plot: all metrics of one or several sets of motions, relative to the interval of the reference.
-
-The difference to the reference value is divided by half the width of its interval: values between -1 and 1 lie within
-the interval of the reference. Beyond 1 the axis is logarithmic.
+A strip plot shows all benchmark metrics of several sets of motions, relative to the interval of the reference. The
+difference to the reference value is divided by half the width of its interval: values between -1 and 1 lie within the
+interval of the reference. Beyond 1 the axis is logarithmic.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Margins say that motion is like motion, whatever the sound; ties say that it fol
 have the margins of true motion and no tie, a conditional mean the ties and no margins: only both together say
 something, so a row is as good as what it misses. All bounds are choices of this project.
 
-The report in at most 25 lines of plain text: six figures per model, requirements, and where the rest is.
+`report_summary` is the report in at most 25 lines of plain text.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Metrics for model selection on free-running val samples: Corr. and distances of eye dynamics.
+"""Metrics for model selection on free-running val samples: Corr. and distances of eye dynamics; Pareto fronts.
 
 The distances are Wasserstein distances between samples and truth, in standard deviations of the truth, so that speed
 and amplitude have the same weight. They compare the speed of eye-in-head between frames and the amplitude of saccades
@@ -8,8 +8,6 @@ whether gaze drifts away.
 
 Random motion has these distances as small as a model that follows its sound: choose by `tie` (Corr. less that under
 other sounds of the speaker) as well, among models whose margins are those of the truth.
-
-Plot of a search with two objectives: all trials and the Pareto front.
 """
 
 from __future__ import annotations
