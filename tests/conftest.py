@@ -17,7 +17,7 @@ os.environ["MPLBACKEND"] = "Agg"
 os.environ["HF_HUB_OFFLINE"] = "1"
 # Lets processes started in other folders import this checkout: the package, the stages (not installed), these tests.
 ROOT = Path(__file__).resolve().parents[1]
-os.environ["PYTHONPATH"] = os.pathsep.join(str(ROOT / folder) for folder in ("src", ".", "tests"))
+os.environ["PYTHONPATH"] = os.pathsep.join(str(ROOT / folder) for folder in ("src", ".", "tests", "tests/helpers"))
 
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("repeatable")

@@ -26,7 +26,7 @@ SPEAKERS = {"a": "train", "b": "train", "c": "train", "d": "train", "e": "test",
 
 def toy_workspace(root: Path, jobs: int = 1) -> Workspace:
     """Six speakers with four sounds; sound 0 of a test or unseen speaker has three takes. Models: mean, random."""
-    repository = Path(__file__).resolve().parents[1]
+    repository = Path(__file__).resolve().parents[2]
     sections = {stage: _section(repository, stage) for stage in ("critic", "evaluate")}
     sections["report"] = {"film_s": 0.4}
     root.mkdir(parents=True, exist_ok=True)

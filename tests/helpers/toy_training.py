@@ -27,7 +27,7 @@ RUN += "{stage}.run(Workspace.open(Path.cwd()), *sys.argv[1:])"
 
 def toy_training(root: Path, dropout: float = 0.0, **changes: Any) -> Workspace:
     """Settings of codebook `codes`, models `mean` and `joint` and the critic; `changes` apply to all training loops."""
-    critic: Any = _section(Path(__file__).resolve().parents[1], "critic")
+    critic: Any = _section(Path(__file__).resolve().parents[2], "critic")
     joint = translation("categorical", **changes).model_dump(mode="json") | {
         "tokenizer": "codes",
         "validation_clips": 1,

@@ -1,6 +1,6 @@
 """Writes files with the names used in the docs to the current folder: FLAME_FILE, FOLDER, DATA, SPEECH.wav, VIDEOS, ...
 
-Run     python tests/placeholder_files.py SOUND     (any; SPEECH.wav is its beginning)
+Run     python tests/helpers/placeholder_files.py SOUND     (any; SPEECH.wav is its beginning)
 
 track.json is the example of docs/control.md; FOLDER is a small random wav2vec 2.0.
 """

@@ -18,7 +18,7 @@ from pathlib import Path
 from docs_pages import REPOSITORY
 
 WRAPPED_PROGRAMS = ("python", "talkingeyes", "mlflow")
-PROGRAM = '#!/bin/sh\nexec {python} -SE {root}/tests/docs_program.py {bin} {name} "$@"\n'
+PROGRAM = '#!/bin/sh\nexec {python} -SE {root}/tests/helpers/docs_program.py {bin} {name} "$@"\n'
 # Placeholders that cannot be file names, and their replacements.
 SUBSTITUTIONS = [
     (r"(?<=\s|=)/shared/", "shared/"),
@@ -36,7 +36,7 @@ git add --all && git commit --quiet -m docs
 """
 PLACEHOLDER_COMMANDS = """
 SOUND=$(find data/synthesize/speech -name '*.flac' | sort | head -n 1)
-python tests/placeholder_files.py "$SOUND"
+python tests/helpers/placeholder_files.py "$SOUND"
 cp SPEECH.wav speech.wav; cp SPEECH.wav other.wav
 mkdir lines && cp SPEECH.wav lines/one.wav && cp SPEECH.wav lines/two.wav
 talkingeyes animate SPEECH.wav -o take --samples 2 --no-previews --model data/train/talkingeyes_events
