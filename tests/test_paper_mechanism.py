@@ -25,7 +25,9 @@ def world(compensation: float, seed: int, clips: int = BATCH) -> tuple[GazeCondi
     random = torch.Generator().manual_seed(seed)
     time = torch.arange(FRAMES) / FPS
     phase = 2 * torch.pi * torch.rand(clips, 2, 1, generator=random)
-    yaw = 0.08 * (torch.sin(2 * torch.pi * 0.4 * time + phase[:, 0]) + torch.sin(2 * torch.pi * 0.9 * time + phase[:, 1]))
+    yaw = 0.08 * (
+        torch.sin(2 * torch.pi * 0.4 * time + phase[:, 0]) + torch.sin(2 * torch.pi * 0.9 * time + phase[:, 1])
+    )
     head = torch.zeros(clips, FRAMES, 3)
     head[..., 1] = yaw
     jumps = torch.rand(clips, FRAMES, generator=random) < 1 / HOLD_FRAMES
@@ -108,7 +110,7 @@ def test_eyes_that_jump_at_times_of_their_own_stand_still(kind: str) -> None:
 
 def test_eyes_that_compensate_for_the_head_move_with_it() -> None:
     decoder = train({"kind": "predicted"}, compensation=1.0)
-    condition, gaze = world(1.0, seed=-1)
+    condition, _ = world(1.0, seed=-1)
     made = decoder.sample_batch([condition], [[0] * BATCH], 0.0)[0][..., 0, 1]
     head = condition.head[..., 1]
     print("moves", speeds(made) / speeds(head), torch.corrcoef(torch.stack([made.flatten(), head.flatten()]))[0, 1])
