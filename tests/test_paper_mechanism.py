@@ -2,7 +2,7 @@
 at times that neither speech nor head tell, minus a fraction of the head's rotation.
 
 On its own past a decoder is a function of speech and head, so the minimiser of eq. 11 and 12 is the mean of gaze given
-both: the middle of the two directions less that fraction of the head. It moves as far as eyes compensate for the head.
+both: one constant direction less that fraction of the head. It moves as far as eyes compensate for the head.
 On the true past the minimiser repeats the last frame, and generation, which has none but its own, stands still.
 """
 
@@ -104,7 +104,6 @@ def test_eyes_that_jump_at_times_of_their_own_stand_still(kind: str) -> None:
     decoder = train({"kind": kind}, compensation=0.0)
     condition, gaze = world(0.0, seed=-1)
     made = decoder.sample_batch([condition], [[0] * BATCH], 0.0)[0][..., 0, 1]
-    print(kind, "still", speeds(made) / speeds(gaze[..., 0, 1]), made.abs().mean())
     assert speeds(made) < 0.1 * speeds(gaze[..., 0, 1])
 
 
@@ -113,6 +112,5 @@ def test_eyes_that_compensate_for_the_head_move_with_it() -> None:
     condition, _ = world(1.0, seed=-1)
     made = decoder.sample_batch([condition], [[0] * BATCH], 0.0)[0][..., 0, 1]
     head = condition.head[..., 1]
-    print("moves", speeds(made) / speeds(head), torch.corrcoef(torch.stack([made.flatten(), head.flatten()]))[0, 1])
     assert 0.8 < speeds(made) / speeds(head) < 1.2
     assert torch.corrcoef(torch.stack([made.flatten(), head.flatten()]))[0, 1] < -0.9
