@@ -56,7 +56,7 @@ REPRO_ONE_HALF = $(BASELINES:%=evaluate@%) evaluate@fitted
 REPRO_OTHER_HALF = $(filter-out $(REPRO_ONE_HALF),$(REPRO:%=evaluate@%))
 space := $(subst ,, )
 # Those whose change makes it run again; another corpus has none that is synthesised.
-REPRO_STAGES = $(if $(corpus),,synthesize) fit embed $(REPRO_ONE) $(REPRO_OTHER) $(REPRO:%=evaluate@%)
+REPRO_STAGES = $(if $(value corpus),,synthesize) fit embed $(REPRO_ONE) $(REPRO_OTHER) $(REPRO:%=evaluate@%)
 REPORT_ONE = pretrain@face $(foreach stage,train sample evaluate,$(stage)@probtalk3d) information@talkingeyes_events \
 	information@untrained $(REPRO:%=validate@%)
 measured_model = $(foreach stage,train sample evaluate validate information,$(stage)@$(1))
@@ -89,7 +89,7 @@ CONF_STATE = cat $$(find conf -name '*.yaml' | sort) params.yaml | sha256sum; ec
 
 params: setup  ## Write params.yaml from conf/
 	@test "$$($(CONF_STATE))" = "$$(cat $(VENV)/.params 2>/dev/null)" || { \
-		$(BIN)/python -m pipelines.params $(if $(corpus),corpus=$(call quoted,corpus)) $(if $(fit),fit=$(call quoted,fit)) && \
+		$(BIN)/python -m pipelines.params $(if $(value corpus),corpus=$(call quoted,corpus)) $(if $(value fit),fit=$(call quoted,fit)) && \
 		{ $(CONF_STATE); } > $(VENV)/.params; }
 
 test: setup  ## Run the tests that take less than some five seconds each, with the tiny chain
@@ -143,7 +143,7 @@ tables: setup  ## TalkingEyes Tables III, V, VI and VII and their claims on thre
 	$(BIN)/python -m pipelines.results.tables $(if $(tables),tables=$(tables)) $(if $(seeds),seeds=$(seeds))
 
 reference-ranges: setup  ## How eyes, head, lids and jaw of the corpus move, beside reference ranges of people. Another: corpus=DIR
-	$(BIN)/python -m pipelines.results.reference_ranges $(if $(corpus),$(call quoted,corpus))
+	$(BIN)/python -m pipelines.results.reference_ranges $(if $(value corpus),$(call quoted,corpus))
 
 real-videos: setup  ## Track and fit real videos and print the results. Your own: make real-videos videos=DIR
 	$(BIN)/python -m pipelines.results.real_videos $(call quoted,videos)

@@ -33,7 +33,6 @@ from talkingeyes.formats.editors.channels import eye_channels
 from talkingeyes.formats.readers.read_motion import read_motion
 from talkingeyes.formats.writers.event_keys import detect_events
 from talkingeyes.workflows.add_eyes import EyesAdded, add_eyes
-from talkingeyes.workflows.convert import export, import_files
 
 REAL = Path(__file__).resolve().parents[1] / "../shared/data/real/gaze"
 HEAD_CELLS = ("HeadYaw", "HeadPitch", "HeadRoll", "Yaw", "Pitch", "Roll")
@@ -417,26 +416,6 @@ def test_a_vrm_animation_with_arkit_expressions_has_these_moved(place: Path, tmp
     read = read_motion(out).motion
     np.testing.assert_allclose(arkit.coefficients(read)[:, 0], ours[:, 0], atol=1e-6)
     assert len(done.events.blinks) == len(detect_events(done.animation.motion).blinks)
-
-
-def test_the_input_is_never_overwritten(place: Path, tmp_path: Path) -> None:
-    path = face_files.live_link(tmp_path / "take.csv")
-    before = path.read_bytes()
-    (tmp_path / "link.csv").symlink_to(path)
-    for out in ("take.csv", "link.csv"):
-        with pytest.raises(InputError, match=rf"{out}: should be another file than the input$"):
-            add_eyes(path, place / "speech.wav", tmp_path / out, model=place / "model", force=True)
-    assert path.read_bytes() == before
-    motions = tmp_path / "motions"
-    motions.mkdir()
-    face_files.vhap(motions / "a.npz")
-    with pytest.raises(InputError, match=r"should be another folder than that of the input$"):
-        import_files([motions], motions, force=True)
-    with pytest.raises(InputError, match=r"should be another file than the input$"):
-        import_files([motions], motions / "a.npz", force=True)
-    toy_motions.motion().save(tmp_path / "m.npz")
-    with pytest.raises(InputError, match=r"should be another file than the input$"):
-        export(tmp_path / "m.npz", tmp_path / "m.npz", format="flame", force=True)
 
 
 def test_a_face_without_shapes_for_gaze_is_said_to_have_no_saccades(place: Path, tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from talkingeyes.formats.rotations import compose_rotations
 from talkingeyes.formats.writers.bvh import write_bvh
 from talkingeyes.formats.writers.vrm import write_vrm
 from talkingeyes.head.anny import anny_head
+from talkingeyes.workflows.convert import export, import_files
 
 REAL = Path(__file__).parents[2] / "shared" / "data" / "real" / "gaze"
 RANDOM = np.random.default_rng(0)
@@ -114,6 +115,19 @@ def test_import_tells_frames_from_motions(
         assert sorted(path.stem for path in out.iterdir()) == names
     with pytest.raises(InputError, match="`talkingeyes import` converts files of others"):
         list(read_motions(tmp_path / "frames" / "00000.npz"))
+
+
+def test_conversion_never_overwrites_its_input(tmp_path: Path) -> None:
+    motions = tmp_path / "motions"
+    motions.mkdir()
+    np.savez(motions / "a.npz", jaw_pose=small(30, 3), fps=30.0)
+    with pytest.raises(InputError, match=r"should be another folder than that of the input$"):
+        import_files([motions], motions, force=True)
+    with pytest.raises(InputError, match=r"should be another file than the input$"):
+        import_files([motions], motions / "a.npz", force=True)
+    toy_motions.motion().save(tmp_path / "m.npz")
+    with pytest.raises(InputError, match=r"should be another file than the input$"):
+        export(tmp_path / "m.npz", tmp_path / "m.npz", format="flame", force=True)
 
 
 def test_diffposetalk_has_head_and_jaw_in_its_pose(tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ from osc_packets import osc_bundle, osc_message
 from scipy.spatial.transform import Rotation
 from test_live_nods import phrases
 from test_streaming import speech
+from tests.browser import CHROMIUM, FLAGS, Browser, open_browser
 from vtube_studio import vtube_studio
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
@@ -44,7 +45,6 @@ from talkingeyes.apps.viewer.pose_encoding import POSE_COLUMNS
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.formats import arkit
 from talkingeyes.workflows import convert
-from tests.browser import CHROMIUM, FLAGS, Browser, open_browser
 
 pytestmark = pytest.mark.timeout(200)  # a service that does not answer must not stop the run
 OF_FLAME = ("flame", "vhap", "diffposetalk")

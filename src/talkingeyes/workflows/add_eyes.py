@@ -99,7 +99,7 @@ def add_eyes(
     options = EyeOptions(seed, controls, keep_head, blend)
     if eyes is not None:
         check_forward_axis(eyes)
-    output_path = check_output_file(Path(out), path.suffix, force, [path])
+    output_path = check_output_file(Path(out), path.suffix, force)
     file = open_face_file(path, fps, eyes, joints, animation)
     content, added = edit_face(file, load_speech(speech), load_performer(model), options)
     with writing(out), atomic_write(output_path) as partial:

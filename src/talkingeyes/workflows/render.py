@@ -175,7 +175,7 @@ def _within(name: str, value: int, bounds: tuple[int, int]) -> None:
 
 
 def check_output_file(out: Path, suffix: str, force: bool, inputs: Sequence[Path] = ()) -> Path:
-    """Check the output file before any work is done; it is never one of the inputs."""
+    """Check the output file before any work is done; it is none of `inputs`, even with `force`."""
     if out.suffix != suffix:
         raise InputError(f"{out}: should be a name that ends in {suffix}")
     if out.is_dir() or not out.resolve().parent.is_dir():

@@ -291,7 +291,9 @@ def summary_table(
         "aversion, ties (motion follows its sound) and margins (it is like motion, whatever the sound):",
         "",
         *table,
-        training_sentence({TITLES.get(name, name): budgets.get(name, "") for name in order_rows(gaze)}),
+        *filter(
+            None, [training_sentence({TITLES.get(name, name): budgets.get(name, "") for name in order_rows(gaze)})]
+        ),
         *_faces(rows),
     ]
 
