@@ -78,8 +78,8 @@ def model_title(model: Path) -> str:
 def find_face_model(model: Path) -> Path | None:
     """The folder of the face model beside the folder of a model of head and gaze, if there is one."""
     # Not resolved: runs of experiments show results of a store as links.
-    folder = model.absolute().parent / FACE_MODEL_FOLDER
-    return folder if folder.is_dir() and folder != model.absolute() else None
+    folder = (model if model.name not in ("", "..") else model.absolute()).parent / FACE_MODEL_FOLDER
+    return folder if folder.is_dir() and folder.absolute() != model.absolute() else None
 
 
 def face_source(model: Path) -> Path:
