@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator, ValidationError, validate
 from test_inference import without_extras
-from test_people import people_csv
-from toy_people import ANNOTATION, ToyPerson
+from toy_people import ANNOTATION, ToyPerson, people_csv
 from typer.testing import CliRunner
 
 from talkingeyes.audio.voice_activity import detect_speech

@@ -319,7 +319,7 @@ def test_take_of_another_corpus_is_an_error(tiny):
     whole = path.read_text()
     path.write_text(json.dumps({**json.loads(whole), "blinks": []}))
     with pytest.raises(InputError, match="should have the regenerated events"):
-        regenerated_takes.reproduce_take(source, clip)
+        regenerated_takes.reproduce_take(source.corpus, source.settings, clip)
     path.write_text(whole)
 
 

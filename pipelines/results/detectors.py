@@ -3,7 +3,7 @@
 The events are those of the synthetic corpus. Its takes are sampled again, which gives the same events and allows
 rendering at any frame rate. Fitted motion is used as it is in the corpus.
 
-Run     python -m pipelines.results.detectors [CLIPS]     (make bench, after make repro)
+Run     python -m pipelines.results.detectors [CLIPS]     (after make repro)
 Reads   data/synthesize, data/fit, params.yaml
 """
 
@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipelines.results.regenerated_takes import reproduce_take
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion, Saccade
@@ -40,7 +41,7 @@ from talkingeyes.orchestration.run import Workspace, run_command
 from talkingeyes.physiology.blinks import end_s
 from talkingeyes.physiology.render import Sinusoids
 from talkingeyes.synthesis import plan
-from talkingeyes.synthesis.take import Take, sample_take
+from talkingeyes.synthesis.take import Take
 
 RATES = (25.0, 30.0, 60.0, 120.0, 250.0, 500.0)
 NOISE_DEG = 0.2  # of the noisy rows: white, per axis and frame
@@ -76,18 +77,11 @@ def load(workspace: Workspace, count: int) -> list[RegeneratedClip]:
     if not corpus.has_truth:
         raise InputError(f"{workspace.corpus}: should be a synthetic corpus, whose events are known, got a tracked one")
     settings = workspace.settings("synthesize", plan.SynthesizeSettings)
-    sounds = {sound.id: sound for sound in plan.plan_sounds(settings)}
     made = []
     for clip in corpus.clips[:count]:
         path = shard_path(workspace.data("fit", "motion"), clip.id, ".npz")
-        if not path.exists():
-            continue  # rejected by fit
-        sound = sounds[clip.sound]
-        rng = plan.seeded_generator(settings.seed, "motion", sound.index, clip.take)
-        style = plan.speaker_of(settings, sound).style
-        take = sample_take(corpus.conversation(clip), style, clip.seconds, rng, settings.blink_profile)
-        assert take.events == corpus.truth_events(clip), clip.id
-        made.append(RegeneratedClip(clip, take, Motion.load(path)))
+        if path.exists():  # else rejected by fit
+            made.append(RegeneratedClip(clip, reproduce_take(corpus, settings, clip), Motion.load(path)))
     return made
 
 

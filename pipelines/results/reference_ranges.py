@@ -151,7 +151,7 @@ def measure_corpus(corpus_inputs: CorpusInputs, jobs: int) -> CorpusMeasurements
     if corpus_inputs.settings is not None:
         fast = join_pools(
             parallel_map(
-                partial(extract_frame_rates, corpus_inputs),
+                partial(extract_frame_rates, corpus_inputs.corpus, corpus_inputs.settings),
                 firsts[:MAX_NATIVE_CLIPS],
                 jobs,
                 "reference ranges: frame rates",
@@ -159,7 +159,7 @@ def measure_corpus(corpus_inputs: CorpusInputs, jobs: int) -> CorpusMeasurements
         )
         more = join_pools(
             parallel_map(
-                partial(extract_further_takes, corpus_inputs),
+                partial(extract_further_takes, corpus_inputs.corpus, corpus_inputs.settings),
                 firsts[:MAX_NATIVE_CLIPS],
                 jobs,
                 "reference ranges: further takes",

@@ -16,7 +16,6 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from scipy import stats
 
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.evaluation.detectors.behaviour import Behaviour
@@ -261,6 +260,8 @@ def mean_rate(pool: PooledArrays) -> dict[str, Measurement]:
 
 def log_normal_p(rates: Sequence[float]) -> Measurement:
     """p value of the hypothesis that the logarithms are normal (Kolmogorov-Smirnov, with their sample mean and SD)."""
+    from scipy import stats
+
     logs = np.log(rates)
     p = stats.kstest((logs - logs.mean()) / logs.std(ddof=1), "norm").pvalue
     return measurement(float(p), len(logs), "sampled speakers", 100)

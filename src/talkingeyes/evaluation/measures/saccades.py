@@ -19,7 +19,6 @@ from functools import lru_cache, partial
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
-from scipy.optimize import least_squares
 
 from talkingeyes.evaluation.detectors.behaviour import Behaviour
 from talkingeyes.evaluation.detectors.saccades import (
@@ -417,6 +416,8 @@ def main_sequence(amplitude_deg: Float[ndarray, " N"], peak_deg_s: Float[ndarray
 
     With bins the few large saccades weigh as much as the many small ones, which alone do not determine Vmax.
     """
+    from scipy.optimize import least_squares
+
     bin_of = np.floor(amplitude_deg).astype(int)
     bins = [bin_of == each for each in np.unique(bin_of) if (bin_of == each).sum() >= MIN_IN_BIN]
     x, y = (np.array([np.median(values[each]) for each in bins]) for values in (amplitude_deg, peak_deg_s))
@@ -465,6 +466,8 @@ def main_sequence_model(pool: PooledArrays, name: str) -> dict[str, Measurement]
 
 def _robust_line(x: Float[ndarray, " N"], y: Float[ndarray, " N"]) -> Float[ndarray, " 2"]:
     """Slope and intercept, with outliers down-weighted."""
+    from scipy.optimize import least_squares
+
     return np.asarray(
         least_squares(
             lambda main_sequence_model: y - main_sequence_model[0] * x - main_sequence_model[1],
