@@ -119,7 +119,7 @@ wheel: setup  ## Build dist/talkingeyes-*.whl, with the packaged models and the 
 
 packaged-models: models ?= data/train
 packaged-models: setup  ## Put trained default models into the package: those of make report, or models=DIR
-	$(BIN)/talkingeyes pack $(call quoted,models)/talkingeyes_events -o src/talkingeyes/animation/assets/talkingeyes.safetensors --half-precision --force
+	$(BIN)/talkingeyes pack $(call quoted,models)/talkingeyes_events -o src/talkingeyes/animation/assets/talkingeyes_events.safetensors --half-precision --force
 	$(BIN)/talkingeyes pack $(call quoted,models)/talkingeyes_live -o src/talkingeyes/animation/assets/talkingeyes_live.safetensors --no-face --half-precision --force
 
 # Two models train at once, each in a workspace of its own, with one store of results.

@@ -1,7 +1,7 @@
 """Hydra entry point: compose conf/ and run the pipeline through the result store, once or for every job of a sweep.
 
 One run    python -m pipelines.experiment [overrides]          e.g. experiment=tiny, train.seed=1, target=train@vae A
-sweep    python -m pipelines.experiment -m train.seed=0,1,2  or sweep=codebook_size (docs/sweeps.md)
+sweep    python -m pipelines.experiment -m train.seed=0,1,2  or sweep=loss_weights (docs/sweeps.md)
 
 Any key and any group can be swept. Every job calls the same stage functions as dvc.yaml, in the same order, and reuses
 results of the store or data/. Results appear as links in the folder that `workspace` names, the row in MLflow there. A
@@ -168,7 +168,7 @@ def main() -> None:
     with study.exclusive():
         if study.remaining_trials:
             run_hydra([*arguments, *study.overrides()])
-        write_results(study)
+        write_results(study, run_pipeline)
 
 
 def run_hydra(arguments: list[str]) -> None:

@@ -5,7 +5,8 @@ resumes: trials left running count as failed, n_trials refers to the whole study
 the number of trials, because a sampler that restarts from its seed proposes the same trials again.
 
 Reads   conf/ as composed by Hydra, and the study's storage
-Writes  the study; at the end <workspace>/<study>/: trials.csv, importances.csv and, with two objectives, pareto.png
+Writes  the study; at the end <workspace>/<study>/: trials.csv, importances.csv; with two objectives pareto.png; with
+        `objective.seeds` front.csv, the trials of the front under these seeds
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from talkingeyes.orchestration.config import CONFIG_DIR, compose, one_line_hydra
 from talkingeyes.orchestration.mlflow_logging import log_study
 from talkingeyes.orchestration.run import Report
 
+# Runs a composition, with its links in a folder and its overrides; returns the objectives.
+PipelineRunner = Callable[[dict[str, Any], Path, Sequence[str]], list[float]]
 # User attribute of the study that stores the search space.
 SPACE = "search_space"
 
@@ -199,9 +202,9 @@ def plain_search_space(search: SearchConfig) -> dict[str, Any]:
     return {key: json.loads(distribution_to_json(each)) for key, each in sorted(distributions(search).items())}
 
 
-def write_results(study: OptunaStudy) -> None:
-    """Write all trials and the importances of parameters, plot the Pareto front of two objectives, and log all as the
-    run of the study."""
+def write_results(study: OptunaStudy, run_pipeline: PipelineRunner) -> None:
+    """Write all trials and the importances of parameters, plot the Pareto front of two objectives, run the trials of
+    the front with further seeds, and log all as the run of the study."""
     from optuna.trial import TrialState
 
     search, trials = study.search, study.optuna.get_trials(deepcopy=False)
@@ -222,6 +225,9 @@ def write_results(study: OptunaStudy) -> None:
         plot_pareto_front(
             [trial.values for trial in complete], [trial.values for trial in best], figures, artifacts[-1]
         )
+    if seeds := search.params["objective"]["seeds"]:
+        artifacts.append(folder / "front.csv")
+        _write_front(artifacts[-1], search, best, seeds, figures, run_pipeline)
     states = {
         state: sum(trial.state.name.lower() == state for trial in trials) for state in ("complete", "pruned", "fail")
     }
@@ -245,6 +251,40 @@ def _write_trials(path: Path, trials: Sequence[Any], figures: Sequence[str]) -> 
             writer.writerow(
                 [trial.number, trial.state.name.lower(), *values, *(trial.params.get(key, "") for key in keys)]
             )
+
+
+def _write_front(
+    path: Path,
+    search: SearchConfig,
+    best: Sequence[Any],
+    seeds: Sequence[int],
+    figures: Sequence[str],
+    run_pipeline: PipelineRunner,
+) -> None:
+    """Objectives of the trials of the front with their own seed of training and with `seeds`: mean, least, greatest.
+    What the store has is not run again."""
+    import joblib
+
+    own = search.params["train"]["seed"]
+    tasks = [(trial, seed) for trial in best for seed in [own, *seeds]]
+
+    def objectives(trial: Any, seed: int) -> list[float]:
+        chosen = [*search.fixed, *(f"{key}={value}" for key, value in trial.params.items()), f"train.seed={seed}"]
+        params = compose(chosen)
+        view = Path(params["workspace"], "jobs", f"{search.name}-{trial.number}-seed-{seed}")
+        return run_pipeline(params, view, chosen)
+
+    found = joblib.Parallel(n_jobs=int(search.params["machine"]["jobs"]))(
+        joblib.delayed(objectives)(trial, seed) for trial, seed in tasks
+    )
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["trial", "seeds", *(f"{name}_{of}" for name in figures for of in ("mean", "min", "max"))])
+        for trial in best:
+            values = [row for (each, _), row in zip(tasks, found, strict=True) if each is trial]
+            of_figures = zip(*values, strict=True)
+            summary = [figure for each in of_figures for figure in (sum(each) / len(each), min(each), max(each))]
+            writer.writerow([trial.number, " ".join(map(str, [own, *seeds])), *(f"{each:.6g}" for each in summary)])
 
 
 def _importances(study: Any, objectives: int) -> list[dict[str, float]]:

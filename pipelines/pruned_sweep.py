@@ -46,7 +46,7 @@ def main() -> None:
     jobs = int(study.search.params["machine"]["jobs"])
     with study.exclusive(join=True):
         joblib.Parallel(n_jobs=jobs)(joblib.delayed(run_trials)(overrides) for _ in range(jobs))
-    write_results(study)
+    write_results(study, run_pipeline)
 
 
 def run_trials(overrides: Sequence[str]) -> None:

@@ -20,7 +20,7 @@ ELSEWHERE = {
     "ray start --address=HEAD:6379": "a cluster",
     "python -m pipelines.experiment machine.backend=ray machine.ray_address=auto machine.jobs=256 target=embed "
     "workspace=/shared/te corpus=/shared/corpus": "a cluster",
-    "python -m pipelines.experiment -m sweep=codebook_size hydra/launcher=ray_cluster hydra.sweeper.n_jobs=64 "
+    "python -m pipelines.experiment -m sweep=loss_weights hydra/launcher=ray_cluster hydra.sweeper.n_jobs=64 "
     "workspace=/shared/te corpus=/shared/corpus": "a cluster",
     "python -m pipelines.experiment machine.backend=ray machine.ray_address=auto machine.jobs=256 target=embed "
     "workspace=/shared/te corpus=data/track fit=video": "a cluster",

@@ -1,6 +1,7 @@
 """The face in an animation: combined with blinks and lids at any rate, replaced, switched off; rejected input."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from talkingeyes.animation import face as faces_of
 from talkingeyes.animation.animator import Animator
 from talkingeyes.animation.controls import Controls
 from talkingeyes.animation.face import FaceAnimator, emotion_lid_closure, interpolate_pchip, with_face
-from talkingeyes.animation.model_file import find_face_model
+from talkingeyes.animation.model_file import find_face_model, parts_title
 from talkingeyes.animation.part_overrides import PartOverrides
 from talkingeyes.audio.encoder import EmbedSettings
 from talkingeyes.core import rotation
@@ -208,11 +209,15 @@ def test_missing_parts_are_one_line_errors():
         Controls(face=())
 
 
-def test_face_model_is_found_next_to_the_other_model(tmp_path):
+def test_face_model_is_found_next_to_the_other_model(tmp_path, monkeypatch):
     for name in ("talkingeyes", "probtalk3d"):
         (tmp_path / name).mkdir()
     assert find_face_model(tmp_path / "talkingeyes") == tmp_path / "probtalk3d"
     assert find_face_model(tmp_path / "probtalk3d") is None
+    monkeypatch.chdir(tmp_path)
+    assert parts_title(Path("talkingeyes")) == "head and gaze: talkingeyes, face: probtalk3d"
+    monkeypatch.chdir(tmp_path / "talkingeyes")
+    assert find_face_model(Path()) == tmp_path / "probtalk3d"
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "linked").mkdir()
     (tmp_path / "linked" / "talkingeyes").symlink_to(tmp_path / "talkingeyes")

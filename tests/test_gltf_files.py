@@ -24,6 +24,7 @@ from talkingeyes.formats.editors.face_file import open_face_file
 from talkingeyes.formats.joint_names import joints_by_name
 from talkingeyes.formats.readers.read_motion import read_motion
 from talkingeyes.formats.writers.gltf import Gltf
+from talkingeyes.head.anny_build import JAW_OPEN_RAD
 
 FPS, FRAMES = 30.0, 60
 BLINKS = ["eyeBlinkLeft", "eyeBlinkRight"]
@@ -197,7 +198,7 @@ def test_cubic_splines_and_steps_are_read_and_edited(tmp_path: Path) -> None:
     keys[:, :, 0] = np.stack([slopes["before"], [0.2, 0.6], slopes["after"]], axis=1)
     path = rewritten(face(tmp_path / "a.glb", FACE), lambda g: interpolated(g, keys.ravel(), times, "CUBICSPLINE"))
     read = read_motion(path, fps=FPS).motion
-    jaw = read.jaw[:, 0] / arkit.JAW_OPEN_RAD
+    jaw = read.jaw[:, 0] / JAW_OPEN_RAD
     assert len(jaw) == FRAMES
     np.testing.assert_allclose([jaw[0], jaw[-1]], [0.2, 0.6], atol=1e-6)
     np.testing.assert_allclose(np.diff(jaw)[[0, -1]] * FPS, [3.0, -2.0], atol=0.25)
@@ -209,7 +210,7 @@ def test_cubic_splines_and_steps_are_read_and_edited(tmp_path: Path) -> None:
 
     steps = np.where(TIMES_S[::10] < 1, 0.25, 0.75)
     path = rewritten(face(tmp_path / "b.glb", ["jawOpen"]), lambda g: interpolated(g, steps, TIMES_S[::10], "STEP"))
-    held = read_motion(path, fps=FPS).motion.jaw[:, 0] / arkit.JAW_OPEN_RAD
+    held = read_motion(path, fps=FPS).motion.jaw[:, 0] / JAW_OPEN_RAD
     np.testing.assert_allclose(held[[0, 29, 30]], [0.25, 0.25, 0.75], atol=1e-6)
 
     turns = Rotation.from_rotvec([[0, 0, 0], [0.1, 0.2, 0]]).as_quat()
@@ -247,7 +248,7 @@ def test_the_animation_that_moves_the_face_is_taken_unless_another_is_named(tmp_
     read = read_motion(path)
     np.testing.assert_array_equal(read.motion.jaw, alone.jaw)
     assert read.notes[0] == "animation motion; --animation NAME takes another: walk, idle, shout"
-    assert read_motion(path, animation="shout").motion.jaw[0, 0] == pytest.approx(0.5 * arkit.JAW_OPEN_RAD)
+    assert read_motion(path, animation="shout").motion.jaw[0, 0] == pytest.approx(0.5 * JAW_OPEN_RAD)
     with pytest.raises(InputError, match=r"a\.glb: animation should be one of walk, idle, motion, shout, got sing$"):
         read_motion(path, animation="sing")
     with pytest.raises(InputError, match=r"animation: should be used with GLB, got livelink$"):

@@ -16,7 +16,7 @@ from talkingeyes.orchestration.run import parallel_backend, parallel_map
 pytestmark = pytest.mark.slow
 
 CODES = "pretrain.gaze_frames.network.quantiser.codes"
-SEARCHED = ("pretrain.gaze_patches", "model.talkingeyes_codes_vae_head")
+SEARCHED = ("pretrain.gaze_frames", "model.talkingeyes_paper")
 PAPER = "target=validate@talkingeyes_paper"
 
 
@@ -40,7 +40,7 @@ def sweep(repository, workspace, *arguments):
 
 def validation_metrics(workspace, job):
     """Validation metrics of a job."""
-    path = Path(workspace, "jobs", str(job), "data/validate/talkingeyes_codes_vae_head/metrics.json")
+    path = Path(workspace, "jobs", str(job), "data/validate/talkingeyes_paper/metrics.json")
     return json.loads(path.read_text())
 
 
@@ -92,20 +92,21 @@ def test_joblib_gives_what_basic_gives(repository, workspace):
 def test_optuna_and_ray_together(repository, workspace):
     root = workspace / "ray"
     short = [f"{each}.loop.{key}" for each in SEARCHED for key in ("steps=4", "batch=4", "validate_every=2")]
-    sizes = "pretrain.gaze_patches.network.quantiser.codes=choice(32,64)"
-    arguments = ["sweep=codebook_size", "hydra/launcher=ray_local", "hydra.sweeper.n_trials=2", sizes, *short]
-    said = sweep(repository, root, f"result_store={workspace}/store", *arguments)
+    sizes = "pretrain.gaze_frames.network.quantiser.codes=choice(32,64)"
+    arguments = ["sweep=loss_weights", "hydra/launcher=ray_local", "hydra.sweeper.n_trials=2", sizes, *short]
+    said = sweep(repository, root, f"result_store={workspace}/store", "objective.seeds=[1]", *arguments)
     assert "Ray Launcher is launching 2 jobs" in said
-    assert "study codebook_size: 2 trials complete" in said
-    with (root / "codebook_size/trials.csv").open() as file:
+    assert "study loss_weights: 2 trials complete" in said
+    with (root / "loss_weights/trials.csv").open() as file:
         trials = list(csv.DictReader(file))
     for number, trial in enumerate(trials):
         figures = validation_metrics(root, number)
-        assert [float(trial["corr"]), float(trial["dynamics_distance"])] == [
-            figures["corr"],
-            figures["dynamics_distance"],
+        assert [float(trial[name]) for name in ("motion_distance", "tie")] == [
+            figures["motion_distance"],
+            figures["tie"],
         ]
-    assert (root / "codebook_size/pareto.png").exists()
+    assert (root / "loss_weights/front.csv").exists()
+    assert (root / "loss_weights/pareto.png").exists()
 
 
 def squared(number):

@@ -140,6 +140,9 @@ def test_the_default_is_the_model_of_the_workspace_then_the_packaged_one(
     (tmp_path / "talkingeyes_remote_call").mkdir()
     assert find_model("talkingeyes_remote_call") == Path("talkingeyes_remote_call"), "a folder of that name goes first"
     (tmp_path / "data" / "train" / "talkingeyes_events").mkdir(parents=True)
+    assert find_model("talkingeyes") == Path("talkingeyes"), "no row of that name is trained"
+    (tmp_path / "data" / "train" / "talkingeyes").mkdir()
+    assert find_model("talkingeyes") == Path("data/train/talkingeyes")
     assert find_model(None) == Path("data/train/talkingeyes_events")
 
 

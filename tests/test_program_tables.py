@@ -294,6 +294,19 @@ def test_a_table_without_any_value_is_refused(tmp_path: Path) -> None:
         read_motion(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "unit"), [("Time (s)", 1.0), ("time_ms", 1e3), ("timestamp_s", 1.0), ("Seconds", 1.0)]
+)
+def test_a_column_of_times_may_name_its_unit(tmp_path: Path, name: str, unit: float) -> None:
+    rows = [[name, "Timecode", "Unnamed: 0", *NAMES]]
+    rows += [[f"{unit * k / 50:.4f}", "", str(k), *row[2:-1]] for k, row in enumerate(take()[1:])]
+    path = tmp_path / "a.csv"
+    path.write_text(written(rows))
+    read = read_motion(path)
+    assert (len(read.motion), read.motion.fps) == (FRAMES, 50.0)
+    assert not [note for note in read.notes if "place" in note]
+
+
 def test_percent_is_refused_as_percent(tmp_path: Path) -> None:
     rows = take()
     path = tmp_path / "a.csv"

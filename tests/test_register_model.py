@@ -65,7 +65,7 @@ def test_it_contains_its_weights_and_gives_the_motion_of_animate(root, speech, t
     import mlflow
 
     monkeypatch.chdir(tmp_path)
-    stored = next((root / "mlartifacts" / "models").glob("*/artifacts/artifacts/talkingeyes.safetensors"))
+    stored = next((root / "mlartifacts" / "models").glob("*/artifacts/artifacts/talkingeyes_events.safetensors"))
     assert stored.read_bytes() == PACKAGED_MODEL.read_bytes()
     model = mlflow.pyfunc.load_model(str(stored.parents[1]))
     assert model.metadata.signature.params.to_dict()[0]["name"] == "seed"

@@ -1,5 +1,6 @@
 """Sweeps: one-line errors; a study survives a kill and never repeats a trial; bad trials are pruned."""
 
+import csv
 import json
 import os
 import signal
@@ -152,12 +153,12 @@ from pathlib import Path
 import pipelines.experiment as experiment
 
 def chain(params, view, overrides=(), watch=None):
-    codes = params["pretrain"]["gaze_patches"]["network"]["quantiser"]["codes"]
-    weight = params["model"]["talkingeyes_codes_vae_head"]["weights"]["head_kl"]
+    codes = params["pretrain"]["gaze_frames"]["network"]["quantiser"]["codes"]
+    weight = params["model"]["talkingeyes_paper"]["weights"]["head_kl"]
     with open(Path(params["workspace"], "asked"), "a") as file:
         print(json.dumps([os.getpid(), codes, weight]), file=file)
     time.sleep(0.3)
-    return [codes / 100 + weight, abs(weight - 1)]
+    return [codes / 100 + weight, weight]
 
 experiment.run_pipeline = chain
 experiment.main()
@@ -166,7 +167,8 @@ experiment.main()
 
 @pytest.mark.long
 def test_killed_sweep_resumes_without_repeats(repository, tmp_path):
-    arguments = ["-m", "sweep=codebook_size", f"workspace={tmp_path}", "hydra/launcher=basic", "hydra.sweeper.n_jobs=1"]
+    arguments = ["-m", "sweep=loss_weights", f"workspace={tmp_path}", "hydra/launcher=basic", "hydra.sweeper.n_jobs=1"]
+    arguments.append("objective.seeds=[]")
     command = [sys.executable, "-c", FAKE, *arguments, "hydra.sweeper.n_trials=8"]
     asked = tmp_path / "asked"
     with subprocess.Popen(command, cwd=repository, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as first:
@@ -181,18 +183,18 @@ def test_killed_sweep_resumes_without_repeats(repository, tmp_path):
     assert result.returncode == 0, result.stderr
     lines = [tuple(json.loads(line)[1:]) for line in asked.read_text().splitlines()]
     assert len(set(lines)) == len(lines), "a trial was replayed"
-    study = optuna.load_study(study_name="codebook_size", storage=storage(f"{tmp_path}/sweeps.journal"))
+    study = optuna.load_study(study_name="loss_weights", storage=storage(f"{tmp_path}/sweeps.journal"))
     states = [trial.state.name for trial in study.trials]
     assert states.count("COMPLETE") == 8
     assert states.count("FAIL") == 1  # the one that was killed
     assert len(lines) == 9 > before
-    assert (tmp_path / "codebook_size/pareto.png").stat().st_size > 5000
-    header, *importances = (tmp_path / "codebook_size/importances.csv").read_text().splitlines()
-    assert header == "parameter,tie_gaze_in_space,dynamics_distance"
+    assert (tmp_path / "loss_weights/pareto.png").stat().st_size > 5000
+    header, *importances = (tmp_path / "loss_weights/importances.csv").read_text().splitlines()
+    assert header == "parameter,motion_distance,tie"
     shares = {line.split(",")[0].rsplit(".", 1)[1]: line.split(",")[1:] for line in importances}
-    assert set(shares) == {"codes", "gaze_codes", "head_kl", "head_velocity"}
+    assert set(shares) == {"codes", "gaze_regularity", "gaze_velocity", "head_kl", "head_velocity"}
     assert float(shares["codes"][0]) > 0.5, "the first objective of FAKE is mostly the number of codes"
-    assert "study codebook_size: 8 trials complete" in result.stdout
+    assert "study loss_weights: 8 trials complete" in result.stdout
     assert prepare([*arguments[1:], "hydra.sweeper.n_trials=8"]).remaining_trials == 0
 
 
@@ -228,20 +230,27 @@ def test_bad_trials_end_early(tmp_path, monkeypatch):
 
 
 @pytest.mark.long
-def test_trials_of_several_objectives_are_pruned_too(tmp_path, monkeypatch):
-    def chain(params, view, overrides, on_validation):
-        weight = params["model"]["talkingeyes_codes_vae_head"]["weights"]["head_kl"]
+def test_trials_of_several_objectives_are_pruned_and_their_front_gets_further_seeds(tmp_path, monkeypatch):
+    def chain(params, view, overrides, on_validation=lambda *_: None):
+        weight = params["model"]["talkingeyes_paper"]["weights"]["head_kl"]
         on_validation(1, {"validation_score": -weight})
-        return [weight, -weight]
+        return [weight + params["train"]["seed"], -weight]
 
     monkeypatch.setattr(pipelines.pruned_sweep, "run_pipeline", chain)
-    argv = ["sweep", "sweep=codebook_size", f"workspace={tmp_path}", "machine.jobs=1", "hydra.sweeper.n_trials=12"]
+    argv = ["sweep", "sweep=loss_weights", f"workspace={tmp_path}", "machine.jobs=1", "hydra.sweeper.n_trials=12"]
     monkeypatch.setattr(sys, "argv", argv)
     pipelines.pruned_sweep.main()
-    study = optuna.load_study(study_name="codebook_size", storage=storage(f"{tmp_path}/sweeps.journal"))
+    study = optuna.load_study(study_name="loss_weights", storage=storage(f"{tmp_path}/sweeps.journal"))
     states = {trial.number: trial.state.name for trial in study.trials}
     assert {*states.values()} == {"COMPLETE", "PRUNED"}
     assert [states[number] for number in range(4)] == ["COMPLETE"] * 4
     pruned = [trial.user_attrs["validation_score@1"] for trial in study.trials if trial.state.name == "PRUNED"]
     kept = [trial.user_attrs["validation_score@1"] for trial in study.trials if trial.state.name == "COMPLETE"]
     assert max(pruned) < max(kept)
+    front = list(csv.DictReader((tmp_path / "loss_weights/front.csv").read_text().splitlines()))
+    assert {int(row["trial"]) for row in front} == {trial.number for trial in study.best_trials}
+    for row in front:
+        assert row["seeds"] == "0 1 2"
+        least, mean, greatest = (float(row[f"motion_distance_{of}"]) for of in ("min", "mean", "max"))
+        assert (mean - least, greatest - mean) == pytest.approx((1, 1))
+        assert row["tie_min"] == row["tie_max"]

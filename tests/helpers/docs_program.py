@@ -25,8 +25,8 @@ SUBSTITUTIONS = [
     (r"^(python -m pipelines\.experiment .*\bsweep=.*)", r"\1 hydra.sweeper.n_trials=2"),
     (r"^(python -m pipelines\.experiment(?!.*\bexperiment=).*)", r"\1 experiment=tiny workspace=build/experiment"),
     (
-        r"^(python -m pipelines\.experiment .*\bsweep=codebook_size\b.*)",
-        rf"\1 {STEPS.format('pretrain.gaze_patches')} {STEPS.format('model.talkingeyes_codes_vae_head')}",
+        r"^(python -m pipelines\.experiment .*\bsweep=loss_weights\b.*)",
+        rf"\1 {STEPS.format('pretrain.gaze_frames')} {STEPS.format('model.talkingeyes_paper')}",
     ),
     (r"\bexperiment=posegan\b", "experiment=posegan_tiny workspace=build/posegan"),
     (r"^(python -m pipelines\.results\.posegan_table) --seeds [0-9,]+", r"\1 --seeds 0 experiment=posegan_tiny"),

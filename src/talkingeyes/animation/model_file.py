@@ -34,10 +34,11 @@ SCHEMA = "talkingeyes.model/1"
 METADATA_KEY = "talkingeyes"
 ALLOW_PLUGINS = "TALKINGEYES_ALLOW_PLUGINS"
 FACE_MODEL_FOLDER = "probtalk3d"
-WORKSPACE_MODEL = Path("data", "train", "talkingeyes_events")
+TRAINED_MODELS = Path("data", "train")
+WORKSPACE_MODEL = TRAINED_MODELS / "talkingeyes_events"
 ASSETS = Path(__file__).parent / "assets"
 SUFFIX = ".safetensors"
-PACKAGED_MODEL = ASSETS / f"talkingeyes{SUFFIX}"
+PACKAGED_MODEL = ASSETS / f"talkingeyes_events{SUFFIX}"
 PACKAGED_LIVE_MODEL = ASSETS / f"talkingeyes_live{SUFFIX}"
 # Trained on gaze of people in remote calls.
 PACKAGED_REMOTE_CALL_MODEL = ASSETS / f"talkingeyes_remote_call{SUFFIX}"
@@ -55,11 +56,13 @@ class PackedMetadata:
 
 
 def find_model(model: Path | str | None) -> Path:
-    """The given model (a path, else the name of a packaged one), else the trained one of the workspace, else the
-    packaged default."""
+    """The given model (a path, else the name of a packaged one or of a trained row of the workspace), else the trained
+    default of the workspace, else the packaged one."""
     if model is not None:
-        path = Path(model)
-        return path if path.exists() else PACKAGED_MODELS.get(str(model), path)
+        path, trained = Path(model), TRAINED_MODELS / model
+        if path.exists():
+            return path
+        return PACKAGED_MODELS.get(str(model), trained if trained.is_dir() else path)
     return WORKSPACE_MODEL if WORKSPACE_MODEL.is_dir() else PACKAGED_MODEL
 
 
@@ -78,8 +81,8 @@ def model_title(model: Path) -> str:
 def find_face_model(model: Path) -> Path | None:
     """The folder of the face model beside the folder of a model of head and gaze, if there is one."""
     # Not resolved: runs of experiments show results of a store as links.
-    folder = model.absolute().parent / FACE_MODEL_FOLDER
-    return folder if folder.is_dir() and folder != model.absolute() else None
+    folder = (model if model.name not in ("", "..") else model.absolute()).parent / FACE_MODEL_FOLDER
+    return folder if folder.is_dir() and folder.absolute() != model.absolute() else None
 
 
 def face_source(model: Path) -> Path:

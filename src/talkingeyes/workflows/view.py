@@ -50,6 +50,7 @@ def view(
     corpus: Path | str | None = None,
     head: str = "anny",
     model: Path | str | None = None,
+    eyelid: Path | str | None = None,
     host: str = LOCALHOST,
     port: int = PORT,
     on_start: Callable[[str], None],
@@ -60,7 +61,7 @@ def view(
     """
     from talkingeyes.apps.viewer.server import viewer_app
 
-    scene, target_head = _scene_on_head(motions, truth, sound, words, corpus, head, model)
+    scene, target_head = _scene_on_head(motions, truth, sound, words, corpus, head, model, eyelid)
     serve(viewer_app(scene, target_head, host), host, port, on_start)
 
 
@@ -74,6 +75,7 @@ def write_page(
     corpus: Path | str | None = None,
     head: str = "anny",
     model: Path | str | None = None,
+    eyelid: Path | str | None = None,
     force: bool = False,
 ) -> None:
     """Write motions side by side as one HTML file that opens without a server. Raises InputError as `view` does."""
@@ -81,7 +83,7 @@ def write_page(
     from talkingeyes.apps.viewer.standalone import standalone_page
 
     target = check_output_file(Path(page), ".html", force)
-    scene, target_head = _scene_on_head(motions, truth, sound, words, corpus, head, model)
+    scene, target_head = _scene_on_head(motions, truth, sound, words, corpus, head, model, eyelid)
     content = standalone_page(page_files(scene, target_head))
     with atomic_write(target) as partial:
         partial.write_text(content)
@@ -95,9 +97,10 @@ def _scene_on_head(
     corpus: Path | str | None,
     head: str,
     model: Path | str | None,
+    eyelid: Path | str | None,
 ) -> tuple[Scene, HeadModel]:
     """The scene with its motions on a head, and the head."""
-    target_head = load_head(head, model)
+    target_head = load_head(head, model, eyelid)
     scene = build_scene(motions, truth=truth, sound=sound, words=words, corpus=corpus)
     viewer_motions = tuple(_shown_on(each, target_head, model) for each in scene.viewer_motions)
     return replace(scene, viewer_motions=viewer_motions), target_head

@@ -39,8 +39,12 @@ EYE_TURNS, EYE_ROLLS = [3, 4, 6, 7], [5, 8]  # of the nine angles
 BLENDSHAPE_COUNT = 61
 READ = {*arkit.NAMES, *arkit.ANGLES, *EYE_EQUIVALENTS}
 COUNT_COLUMN = "blendshapecount"  # 0 in rows without a face
-TIME_COLUMNS = ("timecode", "timestamp", "time")
-OTHER_COLUMNS = {*TIME_COLUMNS, COUNT_COLUMN, "", "frame", "framenumber", "index"}  # beside shapes
+# Columns of times, `Time (s)` and `timestamp_ms` among them, and others that are no shapes, by their letters.
+TIME_COLUMNS = (
+    *("timecode", "timestamp", "time", "timestampms", "timestamps", "timestampsec", "timestampseconds"),
+    *("timems", "times", "timesec", "timeseconds", "seconds", "t"),
+)
+OTHER_COLUMNS = {*TIME_COLUMNS, COUNT_COLUMN, "", "frame", "framenumber", "index", "unnamed"}
 MAX_RADIAN_SLOPE = 5.0  # a larger slope (angle per look coefficient) means degrees
 MIN_LOOK_SD = 0.05  # minimum spread of look coefficients that shows the sign
 MAX_COEFFICIENT, MOSTLY = 5.0, 0.99  # coefficients of a column that are mostly larger are percent
@@ -75,10 +79,10 @@ def read_take(path: Path, fps: float | None = None) -> Take:
     """The rows of a file, as they are. Raises InputError (one line) if it has none of the coefficients."""
     table = tables.read(path)
     check_shapes(table.names)
-    plain = [name.rpartition(".")[2].lower() for name in table.names]
+    plain = ["".join(filter(str.isalpha, name.rpartition(".")[2].lower())) for name in table.names]
     others = {name for name, key in zip(table.names, plain, strict=True) if key in OTHER_COLUMNS}
-    timed = next((table.names[plain.index(name)] for name in TIME_COLUMNS if name in plain), None)
-    timing = row_timing(() if timed is None else table.texts(timed), len(table), fps)
+    timed = [table.texts(table.names[plain.index(name)]) for name in TIME_COLUMNS if name in plain]
+    timing = row_timing(next((times for times in timed if any(times)), ()), len(table), fps)
     standard = dict(zip(table.names, shape_names(table.names), strict=True))
     shapes = (name for name in table.names if name not in others)
     columns = {name: table.column(name) for name in shapes if standard[name] in READ or table.is_numeric(name)}

@@ -3,8 +3,8 @@
 Lids rotate on the eyeball about the axis between the eye corners (Becker & Fuchs 1988). The upper lid follows the eye
 downwards with gain 1, and upwards with 0.8 over the first 15 degrees, saturating; the lower lid follows with 0.35.
 People are asymmetric, and a lid varies (1.2 degrees) at constant gaze. In a blink the upper lid covers nine tenths of
-the opening and the lower lid the rest. Horizontal gaze deforms them in two ways. Lids lie on two spheres, so the bulge of
-the cornea lifts them wherever it points. And the outer corner moves to the temple with abduction, 2 mm at the end of
+the opening and the lower lid the rest. Horizontal gaze deforms them in two ways. Lids lie on two spheres, so the bulge
+of the cornea lifts them wherever it points. And the outer corner moves to the temple with abduction, 2 mm at the end of
 the range, because its tendon is attached to the check ligament of the lateral rectus (Gioia, Linberg & McCormick 1987);
 adduction leaves both corners in place. This is deliberately not of the form of the Eyelid model: gains change at zero,
 and the lift of a lid is not a sum of sines.

@@ -19,7 +19,7 @@ from numpy import ndarray
 
 from talkingeyes.core.rotation import gaze_to_angles
 from talkingeyes.head.eyelid.anatomy import EyelidParameters
-from talkingeyes.head.eyelid.model import LOWER, POINTS, UPPER, fit_eyelid_model, gaze_predictors
+from talkingeyes.head.eyelid.model import LOWER, POINTS, UPPER, EyelidModel, fit_eyelid_model, gaze_predictors
 from talkingeyes.head.eyelid.postures import posture_grid
 from talkingeyes.head.eyelid.region import TEMPORAL_AXES, EyelidRegion, eyelid_region
 from talkingeyes.head.model import HeadModel, Landmarks
@@ -51,24 +51,44 @@ def lid_landmarks(model: HeadModel) -> Landmarks:
     )
 
 
-def with_eyelids(model: HeadModel, eyelid_parameters: EyelidParameters) -> HeadModel:
-    """Add the shapes of the Eyelid model of both eyes, built on the head's own lids."""
+def with_eyelids(
+    model: HeadModel, eyelid_parameters: EyelidParameters, person: tuple[EyelidModel, EyelidModel] | None = None
+) -> HeadModel:
+    """Add the shapes of the Eyelid model of both eyes, built on the head's own lids, in the place of those it has.
+
+    `person`: models of a person's left and right eye, whose curves the lids then follow in the size of the head's eyes.
+    The resting lids stay those of the head.
+    """
+    kept = [index for index, name in enumerate(model.expression_names) if name not in LID_SHAPES]
     shapes = []
     for eye in range(2):
         around = eyelid_region(model, eye)
         built = fit_eyelid_model(posture_grid(around, eyelid_parameters))
-        moved = np.concatenate([built.weights, built.blink[None]]) * TEMPORAL_AXES[eye]
+        moved = _moved(built)
+        curves = moved[:, :POINTS] if person is None else _moved(person[eye]) * _width_m(built) / _width_m(person[eye])
         if f"{SCULPTED[0]}Left" in model.expression_names:
-            shapes.append(_mixture(model, around, moved[:, :POINTS]))
+            shapes.append(_mixture(model, around, curves * TEMPORAL_AXES[eye]))
         else:
             free = np.zeros((5, *model.template.shape))
-            free[:, around.vertices] = moved[:, POINTS:]
+            free[:, around.vertices] = (moved[:, POINTS:] + around.spread(curves - moved[:, :POINTS])) * TEMPORAL_AXES[
+                eye
+            ]
             shapes.append(free)
     return replace(
         model,
-        expression=np.concatenate([model.expression, *shapes]).astype(model.expression.dtype),
-        expression_names=(*model.expression_names, *LID_SHAPES),
+        expression=np.concatenate([model.expression[kept], *shapes]).astype(model.expression.dtype),
+        expression_names=(*(model.expression_names[index] for index in kept), *LID_SHAPES),
     )
+
+
+def _moved(lids: EyelidModel) -> Float[ndarray, "5 N 3"]:
+    """Displacements of all points by the four predictors and the blink, +x to the temple."""
+    return np.concatenate([lids.weights, lids.blink[None]])
+
+
+def _width_m(lids: EyelidModel) -> float:
+    """Distance of the corners of the eye."""
+    return float(np.linalg.norm(lids.rest[UPPER][-1] - lids.rest[UPPER][0]))
 
 
 def _mixture(model: HeadModel, around: EyelidRegion, curves: Float[ndarray, "5 P 3"]) -> Float[ndarray, "5 V 3"]:

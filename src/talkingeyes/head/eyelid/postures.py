@@ -44,7 +44,7 @@ def anatomical_lid_curves(region: EyelidRegion, eyelid_parameters: EyelidParamet
 
 def paper_postures(lid_curves: LidCurveFunction, rng: Random) -> LabelledPostures:
     """The paper's training set: 9 held gazes, closed lids, 24 postures of speech."""
-    free, lid = _sample_speech_postures(SPEECH_POSTURES, rng)
+    free, lid = speech_postures(SPEECH_POSTURES, rng)
     angles = np.concatenate([HELD_RAD, np.zeros((CLOSED_POSTURES, 2)), free])
     closures = np.concatenate([np.zeros(len(HELD_RAD)), np.ones(CLOSED_POSTURES), lid])
     place = np.arange(len(angles))
@@ -56,7 +56,7 @@ def held_out_postures(
     lid_curves: LidCurveFunction, training_angles_rad: Float[ndarray, "K 2"], count: int, rng: Random
 ) -> LabelledPostures:
     """Postures of speech with gaze at least HELD_OUT_DISTANCE_RAD from every gaze in the training set."""
-    angles, lid = _sample_speech_postures(20 * count, rng)
+    angles, lid = speech_postures(20 * count, rng)
     away = np.linalg.norm(angles[:, None] - training_angles_rad, axis=-1).min(axis=1) >= HELD_OUT_DISTANCE_RAD
     rows = np.flatnonzero(away)[:count]
     none = np.zeros(len(rows), bool)
@@ -77,7 +77,8 @@ def posture_grid(region: EyelidRegion, eyelid_parameters: EyelidParameters) -> L
     return LabelledPostures(angles, points, held=closures == 0.0, shut=closures == 1.0)
 
 
-def _sample_speech_postures(count: int, rng: Random) -> tuple[Float[ndarray, "N 2"], Float[ndarray, " N"]]:
+def speech_postures(count: int, rng: Random) -> tuple[Float[ndarray, "N 2"], Float[ndarray, " N"]]:
+    """Gaze angles and closures of free speech, some of them in blinks."""
     angles = np.clip(rng.normal(0.0, FREE_SPREAD_RAD, (count, 2)), *FREE_LIMITS_RAD)
     rest = np.clip(rng.normal(0.0, REST_SPREAD, count), -0.2, 0.3)
     return angles, np.where(rng.random(count) < BLINKS, rng.uniform(0.3, 1.0, count), rest)

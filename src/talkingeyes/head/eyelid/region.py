@@ -56,7 +56,7 @@ class EyelidRegion:
     def spread(self, curves: Float[ndarray, "N P 3"]) -> Float[ndarray, "N Q 3"]:
         """Displacements of the vertices for displacements of the curves: those of the nearest lid, fading with it.
 
-        They are smooth along a lid, a polynomial, and horizontal at the corners, so that the skin does not crumple there.
+        They are smooth along a lid, a polynomial, and horizontal at the corners, so that the skin does not crumple.
         """
         inside = np.clip(self.along, 0.0, 1.0)
         beyond = 1.0 - smoothstep(np.abs(self.along - inside) / CORNER_SKIN)
