@@ -26,7 +26,6 @@ from talkingeyes.evaluation.people.fixations import (
     read_people,
     split_people,
 )
-from talkingeyes.evaluation.people.likelihood import EmpiricalHistogram, PoissonGaussian, Shifts, score
 from talkingeyes.evaluation.people.measures import (
     LONGEST_S,
     MEASURES,
@@ -251,38 +250,6 @@ def test_uniform_gaze_stays_in_its_range_and_jumps():
 def test_states_come_from_turns_and_long_silences():
     state = conversational_state(ANNOTATION, 120, 10.0)  # speaks from 2 to 5 and from 6 to 9 s
     assert np.flatnonzero(np.diff(state)).tolist() == [19, 89] and state[0] == STATES.index("listening")
-
-
-def test_likelihood_prefers_the_right_model(population):
-    train, held_out = population[:7], population[7:]
-    strange = [chain_person(f"z{i}", 400 + i, spread=14.0, leaving=2.0, returning=0.3) for i in range(4)]
-    for state in STATES:
-        shifts = Shifts.of(train, state)
-        poisson, histogram = PoissonGaussian.fit(shifts), EmpiricalHistogram.fit(shifts)
-        wrong = EmpiricalHistogram.fit(Shifts.of(strange, state))
-        nats = [score(model, held_out, state) for model in (poisson, histogram, wrong)]
-        assert all(each.shape == (3,) for each in nats)
-        assert nats[1].mean() > nats[0].mean() + 0.3 and nats[1].mean() > nats[2].mean() + 0.3
-
-
-def test_likelihood_of_a_poisson_process_is_the_one_on_paper():
-    rng = np.random.default_rng(0)
-    count = 3000
-    places = rng.normal([3.0, -1.0], [4.0, 2.0], (count, 2))
-    person = Person("a", {state: record(places, rng.exponential(0.5, count)) for state in STATES})
-    shifts = Shifts.of([person], "speaking")
-    model = PoissonGaussian.fit(shifts)
-    # The fitted variances are 0.25 larger.
-    places_nats = 0.5 * np.log((2 * np.pi) ** 2 * 16.25 * 4.25) + 0.5 * (16 / 16.25 + 4 / 4.25)
-    entropy = places_nats + 1 - np.log(2)
-    assert model.rate == pytest.approx(2.0, rel=0.05)
-    assert score(model, [person], "speaking") == pytest.approx([-entropy], abs=0.06)
-
-
-def test_densities_of_the_histogram_sum_to_one(population):
-    model = EmpiricalHistogram.fit(Shifts.of(population, "speaking"))
-    assert model.places.sum(axis=(1, 2)) == pytest.approx([1, 1]) and model.steps.sum() == pytest.approx(1)
-    assert (model.hazards > 0).all() and 0 < model.place_share < 1
 
 
 # The command.

@@ -12,22 +12,16 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from pipelines.results.result_tables import ResultTable
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.people.comparison import state_table
-from talkingeyes.evaluation.people.fixations import VALIDATION_PEOPLE, Person, read_people, split_people
-from talkingeyes.evaluation.people.likelihood import EmpiricalHistogram, PoissonGaussian, ShiftModel, Shifts, score
-from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.orchestration.run import Workspace, run_command
-from talkingeyes.physiology.gaze_population import STATES
-from talkingeyes.workflows.evaluate_people import MOTIONS, RANDOM, RERECORDED, TRUTH, UNIFORM, evaluate_people
+from talkingeyes.workflows.evaluate_people import MOTIONS, RANDOM, TRUTH, UNIFORM, evaluate_people
 
 RECORDED = Path(__file__).resolve().parents[3] / "shared/data/real/gaze/conversation_fixations.csv.gz"
 GROUPS = {
@@ -65,8 +59,8 @@ two-sample test needs scikit-learn (`pip install 'talkingeyes[platform]'`).
 The people of this page: Dembinsky, Watanabe, Dengel & Ishimaru 2024, *Eye Movement in a Controlled Dialogue Setting*
 (ETRA), doi 10.1145/3649902.3653337, Apache-2.0, <https://github.com/psyberlab/eye-gaze-during-conversation-dataset>.
 Convert the `fixations.pkl` of `data/0` to `data/11` to one CSV file with the columns above. Participants {validation}
-are kept for validation; the tracker and the likelihood models are estimated from the others. The other figures use all
-{people}. The recordings are not part of this project.
+are kept for validation; the tracker is estimated from the others. The other figures use all {people}. The recordings
+are not part of this project.
 
 ## Method
 
@@ -95,14 +89,6 @@ a uniformly random direction every 0.2 to 5 s, head still.
 
 {findings}
 
-## Likelihood of people's fixations
-
-Nats per fixation of the people kept for validation (mean of people, least to largest person); more is better. Each
-model gives the time and the place of the next fixation, and is fitted to the fixations named: of the other people, or
-of a row. That of the gaze process of `talkingeyes_events` itself: [log](../log/2026-11-27-recorded-fixations.md).
-
-{likelihood}
-
 ## Limits
 
 - The people sit before a screen in a remote call: looks around the room are mostly lost. The corpus of this page is
@@ -119,7 +105,7 @@ of a row. That of the gaze process of `talkingeyes_events` itself: [log](../log/
 
 
 def compute(data: Path, recorded: Path, corpus: Path) -> dict[str, Any]:
-    """All rows: the baselines, then the groups that exist; and the likelihood of the people kept for validation."""
+    """All rows: the baselines, then the groups that exist."""
     groups = {name: data / folder for name, folder in GROUPS.items() if (data / folder).is_dir()}
     if not groups:
         raise InputError(f"{data}: should hold one of {', '.join(GROUPS.values())}, got none; run `make repro`")
@@ -128,27 +114,7 @@ def compute(data: Path, recorded: Path, corpus: Path) -> dict[str, Any]:
     content = found.content | {"notes": []}
     for each in content["states"].values():
         each["rows"] = {first if name == MOTIONS else name: row for name, row in each["rows"].items()}
-    rows = {first if name == MOTIONS else name: row for name, row in found.rows.items() if name != RERECORDED}
-    train, validation = split_people(read_people(recorded))
-    if not (train and validation):
-        raise InputError(f"{recorded}: should hold people {', '.join(VALIDATION_PEOPLE)} and others, got too few")
-    content["likelihood"] = {state: score_rows(train, validation, rows, state) for state in STATES}
     return content
-
-
-def score_rows(
-    train: Sequence[Person], validation: Sequence[Person], rows: Mapping[str, Sequence[Person]], state: str
-) -> list[dict[str, Any]]:
-    """Nats per fixation of the people kept for validation under models of other people and of all rows."""
-    groups = {"people": train, **rows}
-    models: list[tuple[str, str, ShiftModel]] = [
-        ("Poisson, Gaussian places", "people", PoissonGaussian.fit(Shifts.of(train, state))),
-        *(("histogram", name, EmpiricalHistogram.fit(Shifts.of(group, state))) for name, group in groups.items()),
-    ]
-    return [
-        {"model": model, "fitted_to": name, "nats": score(fitted, validation, state).tolist()}
-        for model, name, fitted in models
-    ]
 
 
 def page(content: Mapping[str, Any]) -> str:
@@ -163,7 +129,6 @@ def page(content: Mapping[str, Any]) -> str:
         people=len(content["people"]),
         states="\n\n".join(states),
         findings="\n".join(findings(content)),
-        likelihood=likelihood_table(content),
         listening=f"{content['states']['listening']['rows']['default']['seconds']:.0f}",
     )
 
@@ -172,16 +137,6 @@ def _table(content: Mapping[str, Any], state: str) -> str:
     """The table of a state with the columns that the page has."""
     heading, *rows = map(tuple, state_table(content, state))
     return ResultTable(state, heading, tuple(rows)).markdown(SHOWN)
-
-
-def likelihood_table(content: Mapping[str, Any]) -> str:
-    """The table of likelihoods."""
-    states = content["likelihood"]
-    lines = []
-    for rows in zip(*states.values(), strict=True):
-        cells = [f"{np.mean(row['nats']):.2f} ({min(row['nats']):.2f} to {max(row['nats']):.2f})" for row in rows]
-        lines.append([rows[0]["model"], rows[0]["fitted_to"], *cells])
-    return markdown_table(["model", "fitted to", *states], lines)
 
 
 def findings(content: Mapping[str, Any]) -> list[str]:
