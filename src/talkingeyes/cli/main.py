@@ -27,6 +27,7 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
     "import": conversion.import_motions,
     "pack": conversion.pack,
     "track": tracking.track,
+    "capture": tracking.capture,
     "view": servers.view,
     "serve": servers.serve,
 }

@@ -1,4 +1,4 @@
-"""`talkingeyes track`: from videos to a corpus."""
+"""`talkingeyes track`: from videos to a corpus; `talkingeyes capture`: gaze and lids by the Eyelid model."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from talkingeyes.cli.head_options import Eyelid
 
 
 def track(
@@ -30,4 +32,23 @@ def track(
     for line in track_command(
         videos, out, overrides, speakers=speakers, jobs=jobs, dry_run=dry_run, overlay=overlay, force=force
     ):
+        typer.echo(line)
+
+
+def capture(
+    views: Annotated[
+        list[Path],
+        typer.Argument(metavar="VIEW...", help="A video, an image, or a folder of images; up to three views."),
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The folder to write.")],
+    cameras: Annotated[Path | None, typer.Option(help="Calibrated cameras of the views (.json).")] = None,
+    eyelid: Eyelid = None,
+    fps: Annotated[float, typer.Option(help="Frames per second of images.")] = 25.0,
+    overlay: Annotated[bool, typer.Option("--overlay", help="Film the first view with the curves found.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
+) -> None:
+    """Capture gaze and lids of a face, and whether they can be trusted (docs/eyelid.md)."""
+    from talkingeyes.workflows.capture import capture_command
+
+    for line in capture_command(views, out, cameras=cameras, eyelid=eyelid, fps=fps, overlay=overlay, force=force):
         typer.echo(line)

@@ -109,9 +109,9 @@ def estimate_eye(posed_images: Sequence[PosedImage], eye: EyeGeometry) -> EyeEst
     return EyeEstimate(angles, lid, False, contrast)
 
 
-def red_bias(image: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N"]:
-    """(1): the normalised red component."""
-    lifted = image + DARK_OFFSET
+def red_bias(image: Float[ndarray, "*N 3"], dark_offset: float = DARK_OFFSET) -> Float[ndarray, "*N"]:
+    """(1): the normalised red component; `dark_offset` is added to each channel."""
+    lifted = image + dark_offset
     return np.asarray(lifted[..., 0] / lifted.sum(axis=-1))
 
 
