@@ -68,7 +68,7 @@ def observed_deg(motion: Motion, head: HeadModel) -> dict[str, Float[ndarray, "T
         places.append(((face.pupils - corners.mean(axis=1)) / width).mean(axis=0))
     mesh.close()
     return {
-        "talkingeyes capture": np.degrees(np.mean([track.angles_rad for track in found.tracks], axis=0)),
+        "Eyelid capture": np.degrees(np.mean([track.angles_rad for track in found.tracks], axis=0)),
         "LightGazeFit": np.degrees(gaze_to_angles(found.views[0].fit.motion.gaze).mean(axis=1)),
         "MediaPipe's iris": np.array(places),
     }
@@ -95,7 +95,7 @@ def main() -> None:
     motions = [sample_motion(seed) for seed in range(clips)]
     truths = [np.degrees(gaze_to_angles(motion.gaze[:, 0])) for motion in motions]
     seen = {name: [observed_deg(motion, head) for motion in motions] for name, head in heads.items()}
-    for observer in ("talkingeyes capture", "LightGazeFit", "MediaPipe's iris"):
+    for observer in ("Eyelid capture", "LightGazeFit", "MediaPipe's iris"):
         for name, clips_seen in seen.items():
             pairs = [(each[observer], true) for each, true in zip(clips_seen, truths, strict=True)]
             errors = np.concatenate([errors_deg(observer, found, true) for found, true in pairs])

@@ -21,6 +21,7 @@ from talkingeyes.head.eyelid.labels import load_labels
 from talkingeyes.head.eyelid.model import lid_opening_m
 from talkingeyes.head.eyelid.person import EyelidPerson, fit_person, load_person
 from talkingeyes.head.posing import motion_to_pose
+from talkingeyes.workflows.animate import AnimationOptions
 from talkingeyes.workflows.render import load_head
 
 
@@ -125,6 +126,8 @@ def test_what_is_no_file_of_labels_or_no_model_is_a_one_line_error(
     assert stopped.value.code == 2
     assert "should be a model of `talkingeyes eyelid fit`" in capsys.readouterr().err
     assert not (tmp_path / "a.png").exists()
+    with pytest.raises(InputError, match="should be a model of `talkingeyes eyelid fit`"):
+        AnimationOptions(eyelid=tmp_path / "other.npz")
 
 
 def test_a_calibrated_camera_agrees_with_the_camera_of_the_project():

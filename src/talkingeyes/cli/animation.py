@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from talkingeyes.cli.head_options import Eyelid
 from talkingeyes.cli.performance_options import (
     BlinkLiveliness,
     Blinks,
@@ -91,6 +92,7 @@ def animate(
             help="Forward axes of the eyes in the formats: visual (lines of sight) or optical (for photographs)."
         ),
     ] = "visual",
+    eyelid: Eyelid = None,
     previews: Annotated[
         bool, typer.Option(help="Write a small video of each motion, a plot and a contact sheet.")
     ] = True,
@@ -128,7 +130,7 @@ def animate(
         without=without or (),
         replaced=_parts(replaced or []),
     )
-    options = AnimationOptions(samples, seed, float(fps), controls, tuple(formats or ()), previews, flame, eyes)
+    options = AnimationOptions(samples, seed, float(fps), controls, tuple(formats or ()), previews, flame, eyes, eyelid)
     if dialogue:
         _animate_dialogue(sounds, out, options, model, force)
         return

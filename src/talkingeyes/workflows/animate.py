@@ -31,6 +31,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.progress import progress_bar
 from talkingeyes.orchestration.run import code_digest
 from talkingeyes.workflows import convert
+from talkingeyes.workflows.render import load_head
 
 if TYPE_CHECKING:
     from talkingeyes.animation.animation import Animation
@@ -59,7 +60,7 @@ class AnimationOptions:
 
     `flame` is the user's own FLAME file, which maps the face for formats on the FLAME head. `eyes` says what the
     forward axes of the eyes are in the formats: lines of sight (`visual`) or optical axes (`optical`); previews show
-    the first.
+    the first. `eyelid` is a person's model (`talkingeyes eyelid fit`), for the heads of formats and previews.
     """
 
     samples: int = 3
@@ -70,6 +71,7 @@ class AnimationOptions:
     previews: bool = True
     flame: Path | None = None
     eyes: str = "visual"
+    eyelid: Path | None = None
 
     def __post_init__(self) -> None:
         """Raises InputError (one line) for an invalid number or format."""
@@ -83,6 +85,10 @@ class AnimationOptions:
         check_forward_axis(self.eyes)
         if self.flame is not None and not self.flame.is_file():
             raise InputError(f"{self.flame}: should be your FLAME file, got no file")
+        if self.eyelid is not None:
+            from talkingeyes.head.eyelid.person import load_person
+
+            load_person(self.eyelid)
 
 
 def animate(
@@ -128,14 +134,23 @@ def animate_to_folder(
     previews: bool = True,
     flame: Path | str | None = None,
     eyes: str = "visual",
+    eyelid: Path | str | None = None,
     force: bool = False,
 ) -> list[Animation]:
     """Animate speech into a folder: motions, events, videos, a plot, and the chosen formats of `convert.FORMATS`.
 
-    `eyes` is as for `export`, and concerns the formats. `force` overwrites the output of an earlier call.
+    `eyes` and `eyelid` are as for `export`. `force` overwrites the output of an earlier call.
     """
     options = AnimationOptions(
-        samples, seed, float(fps), controls, tuple(formats), previews, None if flame is None else Path(flame), eyes
+        samples,
+        seed,
+        float(fps),
+        controls,
+        tuple(formats),
+        previews,
+        None if flame is None else Path(flame),
+        eyes,
+        None if eyelid is None else Path(eyelid),
     )
     return run_animation(speech, out, options, model, force)
 
@@ -274,14 +289,13 @@ def write_animation(
         for index, performance in enumerate(animations):
             _write_sample(folder / f"sample_{index:02d}", performance, sound, options, show_progress)
         if options.previews:
-            _draw(folder, animations, sound)
+            _draw(folder, animations, sound, options.eyelid)
         (folder / MANIFEST_FILE).write_text(json.dumps(manifest, indent=1, allow_nan=False) + "\n")
 
 
 def _write_sample(
     stem: Path, performance: Animation, sound: Float[ndarray, " N"], options: AnimationOptions, show_progress: bool
 ) -> None:
-    from talkingeyes.head.anny import anny_head
     from talkingeyes.rendering.render import HeadRenderer
     from talkingeyes.rendering.video import write_video
     from talkingeyes.rendering.view import FRAMINGS
@@ -290,18 +304,19 @@ def _write_sample(
     performance.save(stem.with_name(f"{stem.name}.npz"))
     for format in options.formats:
         path = convert.sibling_name(stem, format)
-        convert.write_motion(motion, performance.events, format, path, model=options.flame, eyes=options.eyes)
+        convert.write_motion(
+            motion, performance.events, format, path, model=options.flame, eyes=options.eyes, eyelid=options.eyelid
+        )
     if options.previews:
-        renderer = HeadRenderer(anny_head(), FRAMINGS["head"].view(VIDEO_PX, VIDEO_PX))
+        renderer = HeadRenderer(load_head("anny", None, options.eyelid), FRAMINGS["head"].view(VIDEO_PX, VIDEO_PX))
         frames = renderer.draw(to_forward_axes(motion))
         previews = progress_bar(frames, f"{stem.name}.mp4", len(motion)) if show_progress else frames
         write_video(stem.with_name(f"{stem.name}.mp4"), iter(previews), motion.fps, sound)
 
 
-def _draw(folder: Path, animations: Sequence[Animation], sound: Float[ndarray, " N"]) -> None:
+def _draw(folder: Path, animations: Sequence[Animation], sound: Float[ndarray, " N"], eyelid: Path | None) -> None:
     from PIL import Image
 
-    from talkingeyes.head.anny import anny_head
     from talkingeyes.rendering.contact_sheet import contact_sheet
     from talkingeyes.rendering.traces import plot_traces
 
@@ -309,4 +324,4 @@ def _draw(folder: Path, animations: Sequence[Animation], sound: Float[ndarray, "
     plot_traces(motions, sound, folder / "traces.png")
     times_s = [(column + 0.5) * motions[0].seconds / SHEET_COLUMNS for column in range(SHEET_COLUMNS)]
     shown = [to_forward_axes(motion) for motion in motions[:SHEET_ROWS]]
-    Image.fromarray(contact_sheet(anny_head(), shown, times_s, SHEET_PX)).save(folder / "sheet.png")
+    Image.fromarray(contact_sheet(load_head("anny", None, eyelid), shown, times_s, SHEET_PX)).save(folder / "sheet.png")
