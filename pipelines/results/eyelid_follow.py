@@ -6,7 +6,7 @@ capture`, LightGazeFit on MediaPipe's pupils (both in the head, without the medi
 MediaPipe's iris between the eye corners, mapped to gaze by a line per axis that half of the frames fit and the other
 half test. Errors are angles of both eyes' mean gaze, all frames counted.
 
-Run     python -m benchmarks.eyelid_follow [CLIPS]      (3 by default; extra `track`; three minutes)
+Run     python -m pipelines.results.eyelid_follow [CLIPS]      (3 by default; extra `track`; three minutes)
 Reads   the open head, conf/
 """
 

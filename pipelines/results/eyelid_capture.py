@@ -5,7 +5,7 @@ identities, with lids as gaze puts them and then half closed. Poses are fitted f
 angles between true and captured gaze in the head, and, with the pose's error, in space. Videos: correlation of both
 eyes' mean yaw and pitch with LightGazeFit on MediaPipe's pupils, over frames with both eyes trusted.
 
-Run     python -m benchmarks.eyelid_capture [VIDEO...]      (extra `track`; rendering takes two minutes)
+Run     python -m pipelines.results.eyelid_capture [VIDEO...]      (extra `track`; rendering takes two minutes)
 Reads   the open head, conf/
 """
 
