@@ -117,6 +117,7 @@ CASES = [
     ("pack model model -o a.safetensors", "folders of different names"),
     ("evaluate folder --reference folder", "folder"),
     ("track none.mp4 -o out", "none.mp4"),
+    ("capture none.mp4 -o out", "none.mp4"),
     ("view none.npz", "none.npz"),
 ]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fitting_scene import FPS, scene
 
 from pipelines import fit as stage
 from talkingeyes.audio.annotation import Annotation
@@ -18,7 +19,6 @@ from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.fitting.motion_style import load_speakers
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Workspace
-from tests.fitting_scene import FPS, scene
 
 GOOD, BAD = 3, 1
 

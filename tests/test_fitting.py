@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fitting_scene import CAMERA, FPS, Scene, blink_frames, observe, scene
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -32,7 +33,6 @@ from talkingeyes.fitting.smoothing import (
 from talkingeyes.head.landmarks import RIGID_LANDMARKS, head_to_scene, motion_landmarks, rest_landmarks
 from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology import saccades as law
-from tests.fitting_scene import CAMERA, FPS, Scene, blink_frames, observe, scene
 
 SMALL = st.floats(-0.6, 0.6)
 

@@ -16,16 +16,16 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 import soundfile
+from browser import CHROMIUM, Browser, open_browser
 from live_model import write_live_model
 from scipy.spatial.transform import Rotation
+from talkinghead_model import talkinghead_model
 from test_streaming import speech
 from test_vrm_player import angle_deg
 from toy_model import toy_model
+from vrm_model import vrm_model
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
-from tests.browser import CHROMIUM, Browser, open_browser
-from tests.talkinghead_model import talkinghead_model
-from tests.vrm_model import vrm_model
 
 PACKAGES = ("three@0.180", "@pixiv/three-vrm@3.5.5", "@met4citizen/talkinghead@1.7.0")
 SERVE = """

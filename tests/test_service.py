@@ -27,6 +27,7 @@ import face_files
 import numpy as np
 import pytest
 import soundfile
+from browser import CHROMIUM, FLAGS, Browser, open_browser
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from live_model import write_live_model
@@ -34,7 +35,6 @@ from osc_packets import osc_bundle, osc_message
 from scipy.spatial.transform import Rotation
 from test_live_nods import phrases
 from test_streaming import speech
-from tests.browser import CHROMIUM, FLAGS, Browser, open_browser
 from vtube_studio import vtube_studio
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect

@@ -15,6 +15,7 @@ import av
 import numpy as np
 import pytest
 import yaml
+from browser import CHROMIUM, open_browser
 from fastapi.testclient import TestClient
 
 from talkingeyes.apps.study.answers import Answer, AnswerDatabase
@@ -38,7 +39,6 @@ from talkingeyes.head.anny import anny_head
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.workflows.study import make_study, study_results
-from tests.browser import CHROMIUM, open_browser
 
 FPS, FRAMES = 25.0, 15
 

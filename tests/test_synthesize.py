@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from toy_corpus import make_tiny_corpus
 
 from pipelines import synthesize
 from talkingeyes.audio.annotation import EMOTIONS
@@ -21,7 +22,6 @@ from talkingeyes.orchestration.run import Workspace
 from talkingeyes.synthesis import plan
 from talkingeyes.synthesis.plan import SynthesizeSettings
 from talkingeyes.synthesis.speech_synthesis import synthesize_conversation
-from tests.toy_corpus import make_tiny_corpus
 
 FEW = ("synthesize.clips=10", "synthesize.takes=1")
 

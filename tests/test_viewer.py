@@ -14,8 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
+from browser import CHROMIUM, open_browser
 from fastapi.testclient import TestClient
 from scipy.spatial.transform import Rotation
+from toy_workspace import toy_workspace
 
 from talkingeyes.animation import line_of_sight
 from talkingeyes.animation.line_of_sight import to_forward_axes
@@ -35,8 +37,6 @@ from talkingeyes.head.eyelid.gaze_controller import homogeneous
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.workflows.view import build_scene, write_page
-from tests.browser import CHROMIUM, open_browser
-from tests.toy_workspace import toy_workspace
 
 FPS, FRAMES = 25.0, 50
 LOCAL = "http://127.0.0.1"

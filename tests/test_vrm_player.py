@@ -14,14 +14,14 @@ import face_files
 import numpy as np
 import pytest
 import toy_motions
+from browser import CHROMIUM, Browser, open_browser
 from toy_model import sound_file, toy_model
+from vrm_model import vrm_model
 
 import talkingeyes as te
 from talkingeyes.animation.line_of_sight import to_forward_axes
 from talkingeyes.core import rotation
 from talkingeyes.core.motion import Motion
-from tests.browser import CHROMIUM, Browser, open_browser
-from tests.vrm_model import vrm_model
 
 PACKAGES = ("three@0.187", "@pixiv/three-vrm@3.5.5", "@pixiv/three-vrm-animation@3.5.5")
 MOMENTS = (0, 13, 28, 52, 70)  # at rest, in a saccade, between, in a blink, near the end

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.vrm_model import still_head, write_content
+from vrm_model import still_head, write_content
 
 # Parent and offset in metres of each bone but those of the head.
 BONES: dict[str, tuple[str, tuple[float, float, float]]] = {

@@ -304,6 +304,7 @@ def test_animations_of_scenes_are_bounded(tmp_path: Path, monkeypatch: pytest.Mo
         "animations": [{"channels": channels, "samplers": [{"input": 0, "output": 0}]}],
         "accessors": [{"componentType": 5126, "type": "SCALAR", "count": count, "bufferView": 0}],
         "bufferViews": [{}],
+        "buffers": [{"byteLength": 4 * count}],
     }
     (tmp_path / "a.glb").write_bytes(glb(scene, bytes(4 * count)))
     refused(lambda: read_motion(tmp_path / "a.glb"), "animation should have at most")

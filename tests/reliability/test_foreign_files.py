@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 import safetensors.numpy
 from safetensors import safe_open
+from toy_model import toy_model
 
 from talkingeyes.animation.animator import Animator
 from talkingeyes.animation.model_file import ALLOW_PLUGINS, METADATA_KEY, PACKAGED_MODEL
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip, read_index, write_index
 from talkingeyes.workflows.pack import pack
-from tests.toy_model import toy_model
 
 
 @pytest.fixture
