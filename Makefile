@@ -57,9 +57,10 @@ REPRO_OTHER_HALF = $(filter-out $(REPRO_ONE_HALF),$(REPRO:%=evaluate@%))
 space := $(subst ,, )
 # Those whose change makes it run again; another corpus has none that is synthesised.
 REPRO_STAGES = $(if $(value corpus),,synthesize) fit embed $(REPRO_ONE) $(REPRO_OTHER) $(REPRO:%=evaluate@%)
-REPORT_ONE = pretrain@face $(foreach stage,train sample evaluate,$(stage)@probtalk3d) information@talkingeyes_events \
-	information@untrained $(REPRO:%=validate@%)
-measured_model = $(foreach stage,train sample evaluate validate information,$(stage)@$(1))
+row = $(foreach stage,train sample evaluate validate,$(stage)@$(1))
+measured_model = $(call row,$(1)) information@$(1)
+REPORT_ONE = pretrain@face $(filter-out validate@%,$(call row,probtalk3d)) $(call row,aligned_replay) $(call row,pieced_replay) \
+	information@talkingeyes_events information@untrained $(REPRO:%=validate@%)
 REPORT_OTHER = $(call measured_model,talkingeyes_live) pretrain@gaze_patches $(call measured_model,talkingeyes)
 
 demo:  ## Animate the packaged recording with the packaged model; opens build/demo/index.html, three samples side by side

@@ -31,6 +31,7 @@ from talkingeyes.models.baselines import BaselineSettings, MotionBank
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
+from talkingeyes.models.replay import ReplayBank, ReplaySettings
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main
 from talkingeyes.training.baseline_checkpoint import save_baseline
 from talkingeyes.training.checkpoint import load, save
@@ -234,6 +235,16 @@ def _baseline(training: Training, settings: BaselineSettings) -> Report:
     return Report(metrics={"clips": len(bank.features)})
 
 
+def _replay(training: Training, settings: ReplaySettings) -> Report:
+    """A bank of the clips of the train split, to look up in."""
+    found = recordings(*training.inputs, "train", take=0)
+    speech, motions = zip(*((each.speech, motion_array(each.head, each.gaze)) for each in found), strict=True)
+    bank = ReplayBank.of(speech, motions, training.normaliser.channels, found.clips[0].fps)
+    with training.output() as folder:
+        save_baseline(folder, settings, bank)
+    return Report(metrics={"clips": len(found), "onsets": len(bank.onsets)})
+
+
 def _codebook(workspace: Workspace, tokenizer: str | None) -> GazeVQVAE | None:
     if tokenizer is None:
         return None
@@ -257,6 +268,8 @@ KINDS: dict[str, tuple[Callable[[Training, Any], Report], type[Settings]]] = {
     "speech_to_pose": (_poses, PoseTaskSettings),
     "pgface": (_pgface, PGFaceTaskSettings),
     "head_then_gaze": (_combine_models, HeadThenGazeSettings),
+    "aligned_replay": (_replay, ReplaySettings),
+    "pieced_replay": (_replay, ReplaySettings),
 }
 
 

@@ -23,6 +23,7 @@ from talkingeyes.evaluation.papers.talkingeyes_metrics import EvaluateSettings
 from talkingeyes.evaluation.report.validation_metrics import SelectionMetric, ValidateSettings
 from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.models.baselines import BaselineSettings
+from talkingeyes.models.replay import ReplaySettings
 from talkingeyes.rendering.video import ReportSettings
 from talkingeyes.synthesis.plan import SynthesizeSettings
 from talkingeyes.tracking.settings import TrackSettings
@@ -67,7 +68,8 @@ ModelSettings = Annotated[
     | PoseTaskSettings
     | PGFaceTaskSettings
     | HeadThenGazeSettings
-    | BaselineSettings,
+    | BaselineSettings
+    | ReplaySettings,
     Field(discriminator="kind"),
 ]
 PretrainSettings = Annotated[GazeTokenizerSettings | FaceTokenizerSettings, Field(discriminator="kind")]

@@ -1,22 +1,28 @@
-"""Baselines of head and gaze or of the face as checkpoints."""
+"""Baselines of head and gaze or of the face, and lookups, as checkpoints."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
 
 from talkingeyes.core.settings import validate_section
 from talkingeyes.models.baselines import BaselineSettings, MotionBank
+from talkingeyes.models.replay import ReplayBank, ReplaySettings
 from talkingeyes.training.checkpoint import Checkpoint, save
+
+AnyBank = TypeVar("AnyBank", MotionBank, ReplayBank)
 
 
 def save_baseline(
-    folder: Path, settings: BaselineSettings, bank: MotionBank, more: Mapping[str, Any] | None = None
+    folder: Path,
+    settings: BaselineSettings | ReplaySettings,
+    bank: MotionBank | ReplayBank,
+    more: Mapping[str, Any] | None = None,
 ) -> None:
     """Write a baseline; `more`: further entries of its configuration."""
     tensors = {name: torch.from_numpy(np.asarray(value)) for name, value in vars(bank).items()}
@@ -25,5 +31,13 @@ def save_baseline(
 
 def load_baseline(checkpoint: Checkpoint) -> tuple[BaselineSettings, MotionBank]:
     """Settings and bank of a checkpoint. Raises KeyError or InputError for other checkpoints."""
-    bank = MotionBank(**{each.name: checkpoint.tensors[each.name].numpy() for each in fields(MotionBank)})
-    return validate_section("model", BaselineSettings, checkpoint.config["model"]), bank
+    return validate_section("model", BaselineSettings, checkpoint.config["model"]), _bank(checkpoint, MotionBank)
+
+
+def load_replay(checkpoint: Checkpoint) -> tuple[ReplaySettings, ReplayBank]:
+    """Settings and bank of a lookup. Raises KeyError or InputError for other checkpoints."""
+    return validate_section("model", ReplaySettings, checkpoint.config["model"]), _bank(checkpoint, ReplayBank)
+
+
+def _bank(checkpoint: Checkpoint, kind: type[AnyBank]) -> AnyBank:
+    return kind(**{each.name: checkpoint.tensors[each.name].numpy() for each in fields(kind)})

@@ -23,9 +23,10 @@ from talkingeyes.corpus.samples import Samples
 from talkingeyes.models.baselines import BaselineSettings, MotionBank, sample_bank
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs, InputName
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
+from talkingeyes.models.replay import ReplayBank, ReplaySettings, sample_replay
 from talkingeyes.models.speech_to_motion import MotionBatch, SpeechInput, SpeechToMotion
 from talkingeyes.models.speech_to_pose import SpeechToPose
-from talkingeyes.training.baseline_checkpoint import load_baseline
+from talkingeyes.training.baseline_checkpoint import load_baseline, load_replay
 from talkingeyes.training.checkpoint import Checkpoint, build_network, load, save
 from talkingeyes.training.motion_task import MotionTaskSettings
 from talkingeyes.training.pose_task import PoseTaskSettings
@@ -116,8 +117,24 @@ class BaselineGenerator(TrainedGenerator):
 
     def sample(self, speech: Speech) -> Samples:
         """Sample from the bank."""
-        motion = sample_bank(self.settings, self.bank, speech.embedding, speech.seeds).astype(np.float64)
-        return Samples(speech.fps, motion[..., :3], motion[..., 3:].reshape(*motion.shape[:2], 2, 3))
+        return _motion_samples(speech, sample_bank(self.settings, self.bank, speech.embedding, speech.seeds))
+
+
+@dataclass(frozen=True)
+class ReplayGenerator(TrainedGenerator):
+    """A lookup in the bank of training clips."""
+
+    settings: ReplaySettings
+    bank: ReplayBank
+
+    def sample(self, speech: Speech) -> Samples:
+        """Look up and replay."""
+        return _motion_samples(speech, sample_replay(self.settings, self.bank, speech.embedding, speech.seeds))
+
+
+def _motion_samples(speech: Speech, motion: Float[ndarray, "B T 9"]) -> Samples:
+    motion = motion.astype(np.float64)
+    return Samples(speech.fps, motion[..., :3], motion[..., 3:].reshape(*motion.shape[:2], 2, 3))
 
 
 @dataclass(frozen=True)
@@ -247,6 +264,8 @@ def _generator(checkpoint: Checkpoint) -> TrainedGenerator:
     if kind == "head_then_gaze":
         gaze = NetworkGenerator(_network(_part(checkpoint, "gaze")))
         return HeadThenGaze(_generator(_part(checkpoint, "head")), gaze)
+    if kind in ("aligned_replay", "pieced_replay"):
+        return ReplayGenerator(*load_replay(checkpoint))
     return BaselineGenerator(*load_baseline(checkpoint))
 
 

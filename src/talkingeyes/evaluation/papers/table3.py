@@ -21,6 +21,8 @@ TITLES = {
     "mean": "Mean",
     "random": "Random",
     "similar": "Similar Sample",
+    "aligned_replay": "Lookup, aligned in loudness",
+    "pieced_replay": "Lookup, a piece an onset",
     "untrained": "Untrained (events, random weights)",
     "vae": "VAE",
     "talkingeyes_paper": "TalkingEyes, as in the paper",

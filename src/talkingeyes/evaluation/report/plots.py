@@ -31,6 +31,8 @@ COLOURS = {
     "mean": "#a6761d",
     "random": "#7570b3",
     "similar": "#1f78b4",
+    "aligned_replay": "#80b1d3",
+    "pieced_replay": "#a6cee3",
     "untrained": "#bdbdbd",
     "vae": "#66a61e",
     "talkingeyes_paper": "#e7298a",
