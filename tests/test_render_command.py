@@ -9,13 +9,13 @@ import av
 import numpy as np
 import pytest
 import soundfile
+from flame_file import arrays, write
 
 from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny import anny_head
 from talkingeyes.workflows.render import parse_camera, render, retarget_to_head
-from tests.flame_file import arrays, write
 
 
 def call(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
