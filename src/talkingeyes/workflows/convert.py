@@ -175,7 +175,9 @@ def write_motion(
     shown = turned if expression == "none" else retarget_expression(turned, expression, target_head, model)
     writers: dict[str, Callable[[], None]] = {
         "flame": lambda: flame_parameters.write_flame(shown, path, eyes),
-        "vhap": lambda: flame_parameters.write_vhap(shown, path, eyes),
+        "vhap": lambda: flame_parameters.write_vhap(
+            shown, path, eyes, None if model is None else load_head("flame", model)
+        ),
         "diffposetalk": lambda: flame_parameters.write_diffposetalk(shown, path, eyes),
         "livelink": lambda: arkit.write_live_link(shown, path),
         "arkit": lambda: arkit.write_json(shown, path, eyes),
