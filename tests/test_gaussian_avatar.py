@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
+import trimesh
 from flame_file import arrays, write
 
 from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
+from talkingeyes.formats.writers.gaussians import y_down
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.flame import load_flame
 from talkingeyes.head.gaussian_avatar import GaussianAvatar, load_avatar
@@ -20,7 +23,7 @@ from talkingeyes.head.gaussians import BoundGaussians, Gaussians, write_gaussian
 from talkingeyes.rendering import open_avatar
 from talkingeyes.rendering.open_avatar import Posture
 from talkingeyes.rendering.render import HeadRenderer
-from talkingeyes.rendering.splatting import AvatarRenderer
+from talkingeyes.rendering.splatting import AvatarRenderer, colours_from
 
 
 def call(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
@@ -100,6 +103,27 @@ def test_a_film_of_an_avatar(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fl
             frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
         assert (len(frames), frames[0].shape) == (3, (64, 64, 3))
     assert frames[0].std() > 0.1
+
+
+def test_a_posed_frame_is_a_ply_of_3d_gaussian_splatting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flame_avatar: Path
+) -> None:
+    """Read by trimesh, which knows no Gaussians; y points down, and colours are the same from the same side."""
+    monkeypatch.chdir(tmp_path)
+    motion = Motion.of(30.0, np.array([[0, 0, 0], [0.1, 0.2, 0.3]]), np.zeros((2, 2, 3)))
+    motion.save(Path("a.npz"))
+    words = ("export", "a.npz", "-o", "a.ply", "--head", "gaussians", "--model", "avatar", "--frame", "1", "--eyes")
+    assert call(monkeypatch, *words, "optical") == 0
+    _, posed = load_avatar(flame_avatar).posed(motion)
+    content = trimesh.load("a.ply").metadata["_ply_raw"]["vertex"]
+    assert [*content["properties"]][:9] == ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
+    assert not any("binding" in name for name in content["properties"])
+    read = np.stack([content["data"][axis].ravel() for axis in "xyz"], axis=1)
+    assert np.allclose(read, posed.means * [1, -1, -1], atol=1e-6)
+    rng = np.random.default_rng(0)
+    coloured = replace(posed, harmonics=rng.normal(0, 0.1, (len(posed), 16, 3)).astype(np.float32))
+    turned, origin = y_down(coloured), np.array([0.3, 0.4, 0.8])
+    assert np.allclose(colours_from(turned, origin * [1, -1, -1]), colours_from(coloured, origin), atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -36,12 +36,16 @@ def export_motion(
         ),
     ] = None,
     head: Annotated[
-        str, typer.Option(help="Head of glb, usd, vocaset, obj, ply and mp4: anny (the open head) or flame.")
+        str,
+        typer.Option(
+            help="Head of glb, usd, vocaset, obj, ply, mp4: anny (the open head) or flame; of ply and mp4, gaussians."
+        ),
     ] = "anny",
     model: Annotated[
         Path | None,
         typer.Option(
-            help="Your FLAME file: for --head flame, where a face must be retargeted, and for blinks of vhap."
+            help="Your FLAME file: for --head flame, where a face must be retargeted, and for blinks of vhap; "
+            "the folder of an avatar, for --head gaussians."
         ),
     ] = None,
     eyelid: Eyelid = None,
