@@ -37,7 +37,7 @@ PART_SIZE = {"skin": 1.0, "lips": 1.6, "brow": 1.3, "sclera": 2.2, "iris": 3.0, 
 PART_SIZE |= {"teeth": 1.3, "tongue": 0.8, "tissue": 0.5}
 EYE_REGION_M, EYE_REGION_SIZE, BACK_SIZE = 0.022, 3.0, 0.6
 SIZE_PX = 384
-ITERATIONS, PRIOR = 20, 0.5  # of conjugate gradients; weight of the first colours beside a pixel's
+ITERATIONS, PRIOR = 20, 5.0  # of conjugate gradients; weight of the first colours beside a pixel's
 
 
 class Posture(NamedTuple):
