@@ -192,10 +192,10 @@ def _ranges(first: Int[ndarray, " N"], last: Int[ndarray, " N"]) -> tuple[Int[nd
 
 def _composited(alpha: csr_array, left: Float[ndarray, " P"]) -> Float[ndarray, " M"]:
     """Weights of a slab, behind the light that is `left` in each pixel, which is updated."""
-    passed = np.log1p(-alpha.data, dtype=np.float64)
-    so_far = np.concatenate([[0.0], np.cumsum(passed)])
-    lengths = np.diff(alpha.indptr)
+    so_far = np.zeros(alpha.nnz + 1)
+    np.cumsum(np.log1p(-alpha.data), out=so_far[1:])
     start = so_far[alpha.indptr[:-1]]
-    before = np.exp(so_far[:-1] - np.repeat(start, lengths)) * np.repeat(left, lengths)
+    with np.errstate(divide="ignore"):
+        shift = np.repeat(np.log(left) - start, np.diff(alpha.indptr))
     left *= np.exp(so_far[alpha.indptr[1:]] - start)
-    return np.asarray((alpha.data * before).astype(np.float32))
+    return np.asarray(alpha.data * np.exp((so_far[:-1] + shift).astype(np.float32)))
