@@ -33,9 +33,10 @@ from talkingeyes.rendering.view import FRAMINGS, OrbitCamera
 GAUSSIANS = 50_000
 COEFFICIENTS = 4  # harmonics of degree 1
 WIDTH, EYE_WIDTH, THICKNESS_M, OPACITY = 2.4, 1.8, 0.0001, 0.99
-PART_SIZE = {"skin": 1.0, "lips": 1.6, "brow": 1.3, "sclera": 2.2, "iris": 3.0, "pupil": 3.0}
+PART_SIZE = {"skin": 1.0, "lips": 1.6, "brow": 2.0, "sclera": 2.2, "iris": 3.0, "pupil": 3.0}
 PART_SIZE |= {"teeth": 1.3, "tongue": 0.8, "tissue": 0.5}
 EYE_REGION_M, EYE_REGION_SIZE, BACK_SIZE = 0.022, 3.0, 0.6
+FLAT = 0.4  # change of the normal over a triangle, above which skin counts as larger: ears
 SIZE_PX = 384
 ITERATIONS, PRIOR = 20, 5.0  # of conjugate gradients; weight of the first colours beside a pixel's
 
@@ -92,6 +93,9 @@ def _bisected(head: HeadModel, count: int) -> tuple[Int[ndarray, " N"], Float[nd
     near = np.linalg.norm(middle[:, None] - head.eye_centres, axis=2).min(axis=1) < EYE_REGION_M
     sizes[skin & near] = EYE_REGION_SIZE
     sizes[skin & (middle[:, 2] < 0)] = BACK_SIZE
+    (normals,) = vertex_normals(head.template[None], head.faces)
+    bend = np.linalg.norm(np.ptp(normals[head.faces], axis=1), axis=1)
+    sizes[skin & ~near] *= np.clip(bend[skin & ~near] / FLAT, 1.0, 2.0)
 
     binding, corners = np.arange(len(head.faces)), np.tile(np.eye(3), (len(head.faces), 1, 1))
     while len(binding) < count:
