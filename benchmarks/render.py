@@ -1,6 +1,6 @@
-"""Rendering speed of the open head, by step. CPU seconds of one process on one core.
+"""Rendering speed of the open head, by step, and of its Gaussian avatar. CPU seconds of one process on one core.
 
-Run: python -m benchmarks.render [FRAMES]
+Run: python -m benchmarks.render [FRAMES] [FOLDER of an avatar, otherwise made in a minute]
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -16,10 +17,13 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import angles_to_gaze
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.anny_build import build_anny_head
+from talkingeyes.head.gaussian_avatar import load_avatar
 from talkingeyes.head.normals import vertex_normals
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
+from talkingeyes.rendering.open_avatar import build_avatar
 from talkingeyes.rendering.render import HeadRenderer, RayCaster
+from talkingeyes.rendering.splatting import AvatarRenderer
 from talkingeyes.rendering.view import FRAMINGS
 
 
@@ -48,6 +52,12 @@ def main() -> None:
     frames = int(sys.argv[1]) if len(sys.argv) > 1 else 24
     print(f"build of the head: {cpu_ms(build_anny_head, 1):.0f} ms")
     head, motion = anny_head(), test_motion(frames)
+    avatar = load_avatar(Path(sys.argv[2])) if len(sys.argv) > 2 else build_avatar(head)
+    splats = AvatarRenderer(avatar, FRAMINGS["head"].view(512, 512))
+    film = cpu_ms(lambda: list(splats.draw(motion)), 3) / frames
+    print(
+        f"{len(avatar.bound.local):,} Gaussians, 512 x 512: {1000 / film:.1f} frames a second ({film:.0f} ms a frame)"
+    )
     pose = motion_to_pose(head, motion)
     print(f"poses and skinning: {cpu_ms(lambda: posed_vertices(head, pose), 3) / frames:.1f} ms a frame")
     vertices = posed_vertices(head, pose)

@@ -14,6 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import face_files
+import flame_file
 import numpy as np
 import pytest
 import soundfile
@@ -449,6 +450,17 @@ def test_vhap_keeps_its_other_arrays(place: Path, tmp_path: Path) -> None:
         np.testing.assert_allclose(new["eyelids"], shown.lid, atol=1e-6)
         assert not new["rotation"].any()
         assert new["eyes_pose"].dtype == np.float32
+
+
+def test_former_lids_leave_the_expression_of_our_vhap(place: Path, tmp_path: Path) -> None:
+    shown = toy_motions.flame_motion()
+    flame_file.write(tmp_path / "flame.pkl", flame_file.arrays())
+    te.export(shown, tmp_path / "in.npz", format="vhap", model=tmp_path / "flame.pkl")
+    add_eyes(tmp_path / "in.npz", place / "speech.wav", tmp_path / "out.npz", seed=2, model=place / "model")
+    with np.load(tmp_path / "in.npz") as before, np.load(tmp_path / "out.npz") as after:
+        assert np.abs(before["expr"] - shown.expression).max() > 0.1
+        np.testing.assert_allclose(after["expr"], shown.expression, atol=1e-5)
+        assert not after["eyelid_expr"].any()
 
 
 @pytest.mark.parametrize("eyes", [None, "optical"])

@@ -300,6 +300,42 @@ def test_a_mesh_of_another_head_is_refused(tmp_path: Path) -> None:
         read_motion(tmp_path / "empty.obj", 25.0)
 
 
+def test_blinks_survive_in_the_layout_of_gaussian_avatars(made: Path, tmp_path: Path) -> None:
+    """Of a FLAME whose expression can shut the eyes, as the real one's can: in its expression, and read back."""
+    content = flame_file.arrays()
+    flame_file.write(tmp_path / "first.pkl", content)
+    with_lids = load_flame(tmp_path / "first.pkl")
+    for side, component in (("Left", 300), ("Right", 317)):
+        content["shapedirs"][..., component] += 0.8 * with_lids.expression[with_lids.shape(f"lidBlink{side}")]
+    flame_file.write(tmp_path / "flame.pkl", content)
+    head = load_flame(tmp_path / "flame.pkl")
+    convert.export(made / "flame.npz", tmp_path / "a.npz", format="vhap", model=tmp_path / "flame.pkl", eyes="optical")
+    shown, back = toy_motions.flame_motion(), read_motion(tmp_path / "a.npz").motion
+    np.testing.assert_allclose(back.lid, shown.lid, atol=1e-6)
+    np.testing.assert_allclose(back.expression, shown.expression, atol=1e-5)
+    with np.load(tmp_path / "a.npz") as file:
+        played = np.zeros((len(shown), len(head.expression_names)))
+        played[:, :100] = file["expr"]
+
+    def opening(weights: np.ndarray) -> np.ndarray:
+        face = np.tensordot(weights, head.expression, axes=1) + head.template
+        names, heights = head.landmarks.names, head.landmarks.of(face)[..., 1]
+        upper, lower = (
+            heights[
+                :, [[names.index(f"{side}_eye_{lid}_{at}") for at in ("inner", "outer")] for side in ("left", "right")]
+            ]
+            for lid in ("upper", "lower")
+        )
+        return (upper - lower).mean(axis=-1)
+
+    lids, plain = motion_to_pose(head, shown).expression, np.zeros_like(played)
+    plain[:, :100] = shown.expression
+    before, after, without = opening(lids), opening(played), opening(plain)
+    shut = shown.lid.max(axis=1) > 0.9
+    assert shut.any()
+    assert np.abs(after - before)[shut].mean() < 0.15 * np.abs(without - before)[shut].mean()
+
+
 TOLERANCES = {  # tolerances of the stored quantities, in radians, metres, closure and weight; the others are lost
     "flame": dict.fromkeys(("head", "gaze", "lid", "jaw", "translation", "expression"), 1e-6),
     "vhap": dict.fromkeys(("head", "gaze", "lid", "jaw", "translation", "expression"), 1e-6),

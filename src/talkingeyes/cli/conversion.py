@@ -36,10 +36,17 @@ def export_motion(
         ),
     ] = None,
     head: Annotated[
-        str, typer.Option(help="Head of glb, usd, vocaset, obj, ply and mp4: anny (the open head) or flame.")
+        str,
+        typer.Option(
+            help="Head of glb, usd, vocaset, obj, ply, mp4: anny (the open head) or flame; of ply and mp4, gaussians."
+        ),
     ] = "anny",
     model: Annotated[
-        Path | None, typer.Option(help="Your FLAME file: for --head flame, and where a face must be retargeted.")
+        Path | None,
+        typer.Option(
+            help="Your FLAME file: for --head flame, where a face must be retargeted, and for blinks of vhap; "
+            "the folder of an avatar, for --head gaussians."
+        ),
     ] = None,
     eyelid: Eyelid = None,
     fps: Annotated[
@@ -75,6 +82,8 @@ def export_motion(
         force=force,
     )
     typer.echo(f"{out}: {format}, {done.seconds:.2f} s at {done.fps:g} fps")
+    if format == "vhap" and model is None and done.lid.any():
+        typer.echo(f"{out}: note: lids are in eyelids alone; --model moves them by the expression, too", err=True)
 
 
 def import_motions(

@@ -23,6 +23,7 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
     "benchmark-corpus": evaluation.benchmark_corpus,
     "render": rendering.render,
     "head": rendering.render_head,
+    "avatar": rendering.make_avatar,
     "export": conversion.export_motion,
     "import": conversion.import_motions,
     "pack": conversion.pack,

@@ -1,4 +1,4 @@
-"""`talkingeyes render` and `talkingeyes head`: a motion as a video, a head as a picture."""
+"""`talkingeyes render`, `head` and `avatar`: a motion as a video, a head as a picture, the open head as Gaussians."""
 
 from __future__ import annotations
 
@@ -13,8 +13,11 @@ from talkingeyes.cli.head_options import Eyelid
 def render(
     motion: Annotated[Path, typer.Argument(metavar="MOTION", help="A motion (.npz), as `animate` writes it.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The video to write (.mp4).")],
-    head: Annotated[str, typer.Option(help="anny (the open head) or flame.")] = "anny",
-    model: Annotated[Path | None, typer.Option(help="Your FLAME file, for --head flame.")] = None,
+    head: Annotated[str, typer.Option(help="anny (the open head), flame or gaussians.")] = "anny",
+    model: Annotated[
+        Path | None,
+        typer.Option(help="Your FLAME file, for --head flame; the folder of an avatar, for --head gaussians."),
+    ] = None,
     eyelid: Eyelid = None,
     camera: Annotated[
         str,
@@ -62,3 +65,13 @@ def render_head(
 
     render_head_sheet(out, head=head, model=model, eyelid=eyelid, size=size, force=force)
     typer.echo(f"{out}: gaze in nine directions, lids at five openings")
+
+
+def make_avatar(
+    out: Annotated[Path, typer.Option("-o", "--out", help="The folder to write, for --head gaussians --model DIR.")],
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier avatar.")] = False,
+) -> None:
+    """Make a Gaussian avatar of the open head, in the layout of GaussianAvatars."""
+    from talkingeyes.workflows.render import make_avatar as make
+
+    typer.echo(f"{out}: {make(out, force=force):,} Gaussians on the open head")

@@ -68,9 +68,21 @@ class FlameFile:
     faces: Int[ndarray, "F 3"]
 
 
-def load_flame(path: Path, embedding: Path | None = None) -> HeadModel:
-    """Load a FLAME head, with lids of the Eyelid model. Raises InputError if the file is not a FLAME model."""
+def load_flame(
+    path: Path,
+    embedding: Path | None = None,
+    shape: Float[ndarray, " I"] | None = None,
+    offset: Float[ndarray, "V 3"] | None = None,
+) -> HeadModel:
+    """Load a FLAME head, with lids of the Eyelid model. Raises InputError if the file is not a FLAME model.
+
+    `shape` are the first components of a person's identity, `offset` displacements of the vertices besides (metres).
+    """
     file = read_flame(path)
+    if shape is not None:
+        file = replace(file, template=file.template + file.directions[..., : len(shape)] @ shape)
+    if offset is not None:
+        file = replace(file, template=file.template + offset)
     joints = file.regressor @ file.template
     faces = file.faces.astype(np.int64)
     parts, irises = _parts(file.template, faces, joints[3:])

@@ -18,12 +18,13 @@ from numpy import ndarray
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.head.model import HeadModel
-from talkingeyes.head.posing import expression_shape_names
+from talkingeyes.head.posing import expression_shape_names, shape_weights
 
 RIDGE = 1e-3  # relative to the mean square of the target's displacements: keeps weights small where shapes overlap
 FACE_RADIUS_M = 0.11  # extent of the face around the midpoint of the eyes, for a pupil distance of 63 mm
 NEAR_M = 0.010  # points further apart do not correspond
 PUPIL_DISTANCE_M = 0.063
+EYES = ("left", "right")
 
 
 @dataclass(frozen=True)
@@ -83,9 +84,7 @@ def expression_map(source: HeadModel, target: HeadModel) -> ExpressionMap:
     source_names, target_names = expression_shape_names(source), expression_shape_names(target)
     asked = alignment.scale * _displacements(source, source_names, here)
     given = _displacements(target, target_names, there)
-    gram = given @ given.T
-    ridge = RIDGE * np.trace(gram) / max(len(gram), 1)
-    weights = np.linalg.solve(gram + ridge * np.eye(len(gram)), given @ asked.T).T
+    weights = _least_squares(given, asked)
     return ExpressionMap(
         source=source.name,
         target=target.name,
@@ -96,6 +95,40 @@ def expression_map(source: HeadModel, target: HeadModel) -> ExpressionMap:
         requested=asked,
         residual=asked - weights @ given,
     )
+
+
+def lid_expression(
+    model: HeadModel, gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]
+) -> Float[ndarray, "T C"]:
+    """Expression weights that move the skin as the lids of a motion do, for players without lid shapes.
+
+    The columns are those of `expression_shape_names`. Least squares over the skin, with the opening of both eyes
+    counted as much as all of it: a face that is right but for half-open eyes does not blink.
+    """
+    weights = shape_weights(model, gaze, lid, np.zeros((len(lid), 3)))
+    wanted, given = ([model.shape(name) for name in names] for names in (weights, expression_shape_names(model)))
+    skin = model.vertices_of("skin", "lips", "brow")
+    openings = np.sqrt(len(skin)) * _openings(model)
+    moved = np.concatenate([model.expression[:, skin].reshape(len(openings), -1), openings], axis=1)
+    mixture = _least_squares(moved[given], moved[wanted])
+    return np.asarray(np.stack(list(weights.values()), axis=1) @ mixture)
+
+
+def _openings(model: HeadModel) -> Float[ndarray, "S 2"]:
+    """How much each shape opens the lids of both eyes, in metres."""
+    heights = model.landmarks.of(model.expression)[..., 1]
+    upper, lower = (
+        [[model.landmarks.names.index(f"{side}_eye_{edge}_{at}") for at in ("outer", "inner")] for side in EYES]
+        for edge in ("upper", "lower")
+    )
+    return np.asarray((heights[:, upper] - heights[:, lower]).mean(axis=-1))
+
+
+def _least_squares(given: Float[ndarray, "T C"], asked: Float[ndarray, "S C"]) -> Float[ndarray, "S T"]:
+    """Weights of the given displacements that make the asked ones, with a small ridge."""
+    gram = given @ given.T
+    ridge = RIDGE * np.trace(gram) / max(len(gram), 1)
+    return np.asarray(np.linalg.solve(gram + ridge * np.eye(len(gram)), given @ asked.T).T)
 
 
 def align_heads(source: HeadModel, target: HeadModel) -> SimilarityTransform:

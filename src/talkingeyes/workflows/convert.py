@@ -20,7 +20,14 @@ from talkingeyes.core import output_folder
 from talkingeyes.core.atomic_file import writing
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
-from talkingeyes.workflows.render import check_output_file, film, load_head, retarget_to_head
+from talkingeyes.workflows.render import (
+    GAUSSIANS,
+    check_output_file,
+    film,
+    load_gaussian_avatar,
+    load_head,
+    retarget_to_head,
+)
 
 if TYPE_CHECKING:
     from talkingeyes.animation.animation import Animation
@@ -89,12 +96,13 @@ def export(
 ) -> Motion:
     """Write a motion (or that of a file) in another format; returns the motion.
 
-    Without `format`, the suffix of `out` selects it, if only one format has this suffix. `head` and `model` are as for
-    `render`; the model also maps expressions between the open head and FLAME. `fps` resamples the motion by its events;
-    `keys` are its edited saccades and blinks. `eyes` says what the forward axes of the written eyes are: lines of sight
-    (`visual`, for avatars) or optical axes (`optical`, for comparison with photographs). `eyelid` is a person's model
-    (`talkingeyes eyelid fit`), for formats that pose a head. `frame` is the frame of a mesh
-    (obj, ply), by default the first.
+    Without `format`, the suffix of `out` selects it, if only one format has this suffix. `head` and `model` are as
+    for `render`, gaussians with mp4 and ply (the Gaussians of a frame); the model also maps expressions between the
+    open head and FLAME, and moves the lids of vhap. `fps` resamples the motion by its events; `keys` are its edited
+    saccades and blinks. `eyes` says what the forward axes of the written eyes are: lines of sight (`visual`, for
+    avatars) or optical axes (`optical`, for comparison with photographs). `eyelid` is a person's model
+    (`talkingeyes eyelid fit`), for formats that pose a head. `frame` is the frame of a mesh (obj, ply), by default
+    the first.
 
     Raises InputError (one line) for invalid arguments.
     """
@@ -128,7 +136,14 @@ def export(
     if named == "mp4":
         return film(shown, output_path, head=head, model=model, sound=sound, eyes=eyes, eyelid=eyelid)
     with writing(out):
-        write_motion(shown, events, named, output_path, head, model, eyes, eyelid)
+        if named == "ply" and head == GAUSSIANS:
+            from talkingeyes.formats.writers.gaussians import write_posed_gaussians
+
+            avatar = load_gaussian_avatar(model, eyelid)
+            played = to_forward_axes(retarget_to_head(shown, avatar.head, None), eyes)
+            write_posed_gaussians(played, avatar, output_path)
+        else:
+            write_motion(shown, events, named, output_path, head, model, eyes, eyelid)
     return shown
 
 
@@ -175,7 +190,9 @@ def write_motion(
     shown = turned if expression == "none" else retarget_expression(turned, expression, target_head, model)
     writers: dict[str, Callable[[], None]] = {
         "flame": lambda: flame_parameters.write_flame(shown, path, eyes),
-        "vhap": lambda: flame_parameters.write_vhap(shown, path, eyes),
+        "vhap": lambda: flame_parameters.write_vhap(
+            shown, path, eyes, None if model is None else load_head("flame", model)
+        ),
         "diffposetalk": lambda: flame_parameters.write_diffposetalk(shown, path, eyes),
         "livelink": lambda: arkit.write_live_link(shown, path),
         "arkit": lambda: arkit.write_json(shown, path, eyes),

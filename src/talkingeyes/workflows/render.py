@@ -1,27 +1,31 @@
-"""`talkingeyes render` and `talkingeyes head`: a motion as a video, a head as a picture.
+"""`talkingeyes render`, `head` and `avatar`: a motion as a video, a head as a picture, the open head as Gaussians.
 
-Reads a motion (.npz), optionally a sound, and the user's own FLAME file for that head. Writes an mp4 or a png
-atomically.
+Reads a motion (.npz), optionally a sound, and the user's own FLAME file or avatar for these heads. Writes an mp4, a png
+or a folder atomically.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from talkingeyes.animation.line_of_sight import check_forward_axis, to_forward_axes
+from talkingeyes.core import output_folder
 from talkingeyes.core.atomic_file import atomic_write, writing
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.rendering.view import FRAMINGS, Framing
 
 if TYPE_CHECKING:
+    from talkingeyes.head.gaussian_avatar import GaussianAvatar
     from talkingeyes.head.model import HeadModel
 
 HEAD_MODELS = ("anny", "flame")
+GAUSSIANS = "gaussians"  # the head of a film or a ply can also be a Gaussian avatar
 VIDEO_BOUNDS_PX = (16, 4096)
 SHEET_BOUNDS_PX = (170, 8192)
 CAMERA_FIELDS: Mapping[str, str] = {  # keys of --camera and their fields of Framing
@@ -48,9 +52,10 @@ def render(
 ) -> Motion:
     """Render the motion of a file on a head as a video; returns the rendered motion.
 
-    `keys`: edited saccades and blinks (`talkingeyes export -f events`). `eyelid`: the lids of a person
-    (`talkingeyes eyelid fit`). `eyes`: the pupils show the lines of sight
-    (`visual`), so that the head looks at what its motion looks at, or the optical axes (`optical`), as in photographs.
+    `head` is anny (the open head), flame with your FLAME file as `model`, or gaussians with the folder of a Gaussian
+    avatar (docs/head.md). `keys`: edited saccades and blinks (`talkingeyes export -f events`). `eyelid`: the lids of a
+    person (`talkingeyes eyelid fit`). `eyes`: the pupils show the lines of sight (`visual`), so that the head looks at
+    what its motion looks at, or the optical axes (`optical`), as in photographs.
 
     `camera` is a name of FRAMINGS, or numbers (`yaw=30,pitch=10,distance=0.9,height=0.3`), or a name and numbers.
     Angles are in degrees; positive angles move the camera to the subject's left and up. Raises InputError (one line)
@@ -84,16 +89,18 @@ def film(
     from talkingeyes.audio.waveform import read_speech
     from talkingeyes.core.progress import progress_bar
     from talkingeyes.rendering.render import HeadRenderer
+    from talkingeyes.rendering.splatting import AvatarRenderer
     from talkingeyes.rendering.video import write_video
 
+    if head not in (*HEAD_MODELS, GAUSSIANS):
+        raise InputError(f"head: should be one of {', '.join(HEAD_MODELS)}, {GAUSSIANS}, got {head!r}")
     audio = None if sound is None else read_speech(sound)
-    target_head = load_head(head, model, eyelid)
-    played = retarget_to_head(motion, target_head, model)
-    framing = parse_camera(camera)
-    view = framing.centred_on(target_head.eye_centres).view(size, size)
-    pictures = iter(
-        progress_bar(HeadRenderer(target_head, view).draw(to_forward_axes(played, eyes)), target.name, len(played))
-    )
+    avatar = load_gaussian_avatar(model, eyelid) if head == GAUSSIANS else None
+    target_head = load_head(head, model, eyelid) if avatar is None else avatar.head
+    played = retarget_to_head(motion, target_head, None if avatar else model)
+    view = parse_camera(camera).centred_on(target_head.eye_centres).view(size, size)
+    renderer = HeadRenderer(target_head, view) if avatar is None else AvatarRenderer(avatar, view)
+    pictures = iter(progress_bar(renderer.draw(to_forward_axes(played, eyes)), target.name, len(played)))
     with writing(target):
         write_video(target, pictures, played.fps, audio)
     return played
@@ -120,6 +127,19 @@ def render_head_sheet(
         image.save(partial, format="png")
 
 
+def make_avatar(out: Path | str, *, force: bool = False) -> int:
+    """Write a Gaussian avatar of the open head into a folder; returns the number of its Gaussians."""
+    from talkingeyes.head.anny import anny_head
+    from talkingeyes.head.gaussian_avatar import POINT_CLOUD, save_avatar
+    from talkingeyes.rendering import open_avatar
+
+    target = output_folder.output_path(Path(out), re.compile(re.escape(POINT_CLOUD)), force)
+    avatar = open_avatar.build_avatar(anny_head())
+    with writing(out, "folder"), output_folder.atomic_folder(target) as folder:
+        save_avatar(folder, avatar.bound)
+    return len(avatar.bound.local)
+
+
 def parse_camera(camera: str) -> Framing:
     """The framing of a `--camera` argument."""
     framing = FRAMINGS["head"]
@@ -142,15 +162,28 @@ def parse_camera(camera: str) -> Framing:
 
 def load_head(head: str, model: Path | str | None, eyelid: Path | str | None = None) -> HeadModel:
     """The open head, or FLAME from the user's own file; with the lids of a person (`talkingeyes eyelid fit`)."""
-    found = _load_head(head, model)
+    return _with_lids(_load_head(head, model), eyelid)
+
+
+def load_gaussian_avatar(folder: Path | str | None, eyelid: Path | str | None = None) -> GaussianAvatar:
+    """A Gaussian avatar from its folder; with the lids of a person. Raises InputError (one line)."""
+    from talkingeyes.head.gaussian_avatar import load_avatar
+
+    if folder is None:
+        raise InputError(f"model: should be the folder of the avatar where head is {GAUSSIANS}, got none")
+    avatar = load_avatar(Path(folder))
+    return replace(avatar, head=_with_lids(avatar.head, eyelid))
+
+
+def _with_lids(head: HeadModel, eyelid: Path | str | None) -> HeadModel:
     if eyelid is None:
-        return found
+        return head
     from talkingeyes.head.eyelid.anatomy import EyelidParameters
     from talkingeyes.head.eyelid.blendshapes import with_eyelids
     from talkingeyes.head.eyelid.person import load_person
 
     left, right = load_person(Path(eyelid)).eyes
-    return with_eyelids(found, EyelidParameters(), (left.lids, right.lids))
+    return with_eyelids(head, EyelidParameters(), (left.lids, right.lids))
 
 
 def _load_head(head: str, model: Path | str | None) -> HeadModel:

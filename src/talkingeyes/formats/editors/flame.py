@@ -21,7 +21,7 @@ from talkingeyes.core.containers import MAX_ARRAY_BYTES, npz_names, open_zip, re
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import CONVENTIONS, Motion
 from talkingeyes.formats.editors.channels import AddedEyes
-from talkingeyes.formats.readers.flame_parameters import EYE_KEYS, PARAMETER_ALIASES, POSE_KEYS
+from talkingeyes.formats.readers.flame_parameters import EYE_KEYS, LID_EXPRESSION, PARAMETER_ALIASES, POSE_KEYS
 
 UNILS_WIDTH = 108
 UNILS_HEAD, UNILS_EYES = slice(100, 103), slice(104, 108)  # eyes: x and y of the left, then of the right
@@ -51,6 +51,7 @@ class FlameFile:
         new = self._eyes(added)
         lids = added.motion.lid
         new["eyelids"] = added.mixed(self.own.lid, lids) if "eyelids" in self.arrays else lids
+        new |= self._face_without_lids()
         if added.with_head:
             new |= self._head(added.mixed_turns(self.own.head, added.motion.head))
         if added.share == 0:
@@ -68,6 +69,14 @@ class FlameFile:
         if pair:
             return {name: gaze[:, eye] for eye, name in enumerate(EYE_KEYS)}
         return {key or PARAMETER_ALIASES["eyes"][0]: gaze.reshape(-1, 6)}
+
+    def _face_without_lids(self) -> dict[str, ndarray]:
+        """The expression without its movement of the former lids."""
+        if LID_EXPRESSION not in self.arrays:
+            return {}
+        key = next(key for key in PARAMETER_ALIASES["expression"] if key in self.arrays)
+        moved = self.arrays[LID_EXPRESSION]
+        return {key: self.arrays[key] - moved, LID_EXPRESSION: np.zeros_like(moved)}
 
     def _head(self, head: Float[ndarray, "T 3"]) -> dict[str, ndarray]:
         if POSE_KEYS[0] in self.arrays:
@@ -104,8 +113,8 @@ def open_flame_npz(path: Path, own: Motion) -> FlameFile:
         raise InputError(
             f"{path}: should be of another program, got a motion; `animate --replace face=` takes its face"
         )
-    edited = ("neck", "global", "eyes", "lid")
-    keys = {*POSE_KEYS, *EYE_KEYS, *(key for part in edited for key in PARAMETER_ALIASES[part])}
+    edited = ("neck", "global", "eyes", "lid", "expression")
+    keys = {*POSE_KEYS, *EYE_KEYS, LID_EXPRESSION, *(key for part in edited for key in PARAMETER_ALIASES[part])}
     arrays = {name: array for name, array in read_npz(path, keys, "npz").items() if array.dtype.kind in "fiub"}
     return FlameFile(path, npz_names(path, "npz"), arrays, own)
 

@@ -43,7 +43,8 @@ METADATA = {*CONVENTIONS, FORWARD_AXIS_KEY, "head_model", "fps"}  # beside the a
 MIN_VERTEX_COLUMNS = 3000  # wider arrays hold vertices
 POSE_KEYS = ("pose",)  # DiffPoseTalk: head and jaw in one array
 EYE_KEYS = ("leye_pose", "reye_pose")  # one array an eye
-PARAMETER_KEYS = {*POSE_KEYS, *EYE_KEYS, *(key for keys in PARAMETER_ALIASES.values() for key in keys)}
+LID_EXPRESSION = "eyelid_expr"  # ours: the part of the expression that moves the lids as `eyelids` does
+PARAMETER_KEYS = {*POSE_KEYS, *EYE_KEYS, LID_EXPRESSION, *(key for keys in PARAMETER_ALIASES.values() for key in keys)}
 
 
 def read_flame_npz(path: Path, fps: float | None = None) -> NotedMotion:
@@ -102,6 +103,8 @@ def motion_from_arrays(path: Path, content: Mapping[str, ndarray], fps: float | 
 
     expression = found["expression"]
     shown = np.zeros((frames, 0)) if expression is None else _rows(path, "expression", expression, None, frames)
+    if LID_EXPRESSION in content:
+        shown = shown - _rows(path, LID_EXPRESSION, content[LID_EXPRESSION], shown.shape[1], frames)
     return Motion.of(
         rate,
         compose_rotations(part("global", 3), part("neck", 3)),

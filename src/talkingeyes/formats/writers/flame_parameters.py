@@ -1,8 +1,9 @@
 """FLAME parameters as npz: our own layout, VHAP's (which GaussianAvatars plays), DiffPoseTalk's.
 
 The neck joint rotates the head, so `neck_pose` is the head's rotation and `rotation` is 0; the pivot is then the same
-as here. FLAME has no blinks: they are stored as `eyelids`, which players ignore. Where a layout has no eyes
-(DiffPoseTalk), they are stored additionally, too. Numbers are float32; texts state units, eye order, head model and
+as here. FLAME has no lids: their closure is stored as `eyelids`, which players ignore. In VHAP's layout the expression
+can move them too, and `eyelid_expr` says by how much, so that a reader can take it off again. Where a layout has no
+eyes (DiffPoseTalk), they are stored additionally. Numbers are float32; texts state units, eye order, head model and
 what the forward axes of the eyes are (`forward_axis`: `visual` or `optical`, animation/line_of_sight.py).
 """
 
@@ -16,10 +17,12 @@ from numpy import ndarray
 from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.motion import CONVENTIONS, Motion
 from talkingeyes.core.npz import save_npz
-from talkingeyes.formats.readers.flame_parameters import EXPRESSION
+from talkingeyes.formats.readers.flame_parameters import EXPRESSION, LID_EXPRESSION
 from talkingeyes.formats.readers.forward_axis import FORWARD_AXIS_KEY
+from talkingeyes.head.model import HeadModel
+from talkingeyes.head.retarget import lid_expression
 
-SHAPE_COUNT, VHAP_VERTICES = 300, 5143  # FLAME's identity; VHAP's mesh, which has teeth
+SHAPE_COUNT, EXPRESSION_COUNT, VHAP_VERTICES = 300, 100, 5143  # FLAME's components; VHAP's mesh, which has teeth
 METADATA = {name: CONVENTIONS[name] for name in ("axes", "units", "rotations", "eye_order")} | {"head_model": "flame"}
 
 
@@ -35,7 +38,7 @@ def write_flame(motion: Motion, path: Path, eyes: str) -> None:
             "jaw_pose": motion.jaw,
             "leye_pose": motion.gaze[:, 0],
             "reye_pose": motion.gaze[:, 1],
-            "expression": expression_components(motion, 100),
+            "expression": expression_components(motion, EXPRESSION_COUNT),
             "betas": np.zeros((1, SHAPE_COUNT)),
             "transl": motion.translation,
             "eyelids": motion.lid,
@@ -43,8 +46,13 @@ def write_flame(motion: Motion, path: Path, eyes: str) -> None:
     )
 
 
-def write_vhap(motion: Motion, path: Path, eyes: str) -> None:
-    """The names of VHAP's `tracked_flame_params`: one row per frame, one identity for all."""
+def write_vhap(motion: Motion, path: Path, eyes: str, head: HeadModel | None = None) -> None:
+    """The names of VHAP's `tracked_flame_params`: one row per frame, one identity for all.
+
+    With FLAME as `head`, `expr` moves the lids as its lid shapes would.
+    """
+    expression = expression_components(motion, EXPRESSION_COUNT)
+    lids = {} if head is None else {LID_EXPRESSION: lid_expression(head, motion.gaze, motion.lid)}
     _save(
         path,
         motion,
@@ -54,7 +62,8 @@ def write_vhap(motion: Motion, path: Path, eyes: str) -> None:
             "neck_pose": motion.head,
             "jaw_pose": motion.jaw,
             "eyes_pose": motion.gaze.reshape(-1, 6),
-            "expr": expression_components(motion, 100),
+            "expr": expression + sum(lids.values()),
+            **lids,
             "shape": np.zeros(SHAPE_COUNT),
             "translation": motion.translation,
             "static_offset": np.zeros((1, VHAP_VERTICES, 3)),
