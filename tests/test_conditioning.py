@@ -40,14 +40,14 @@ def conditioner() -> Any:
     return CONDITIONERS.build(CONDITIONERS.parse(SPEAKER), 12, KNOWN).eval()
 
 
-def told(rows: int) -> ConditioningInputs:
+def conditioned(rows: int) -> ConditioningInputs:
     """Conditioning inputs; the last window has the null condition."""
     return ConditioningInputs(torch.tensor([*range(rows - 1), -1]))
 
 
 def test_output_depends_on_conditioning() -> None:
     made = conditioner()
-    both = made(told(3), 3)
+    both = made(conditioned(3), 3)
     for found in (both.head, both.gaze):
         assert found.shape[0] == 3
         assert found.shape[1] == 1
@@ -59,14 +59,14 @@ def test_output_depends_on_conditioning() -> None:
 
 def test_null_condition_is_the_same_alone_and_in_a_batch() -> None:
     made = conditioner()
-    nothing, beside = made(NO_CONDITIONING, 2), made(told(3), 3)
+    nothing, beside = made(NO_CONDITIONING, 2), made(conditioned(3), 3)
     torch.testing.assert_close(beside.head[2:].mean(1), nothing.head[:1].mean(1))
     torch.testing.assert_close(beside.gaze[2:].mean(1), nothing.gaze[:1].mean(1))
 
 
 def test_gradients_are_finite_with_null_condition_rows() -> None:
     made = conditioner().train()
-    made(told(3), 3).gaze.square().sum().backward()
+    made(conditioned(3), 3).gaze.square().sum().backward()
     found = [each.grad for each in made.parameters() if each.grad is not None]
     assert any(each.abs().sum() > 0 for each in found)
     assert all(torch.isfinite(each).all() for each in found)
@@ -75,7 +75,7 @@ def test_gradients_are_finite_with_null_condition_rows() -> None:
 def test_hidden_speaker_is_unconditional() -> None:
     made = conditioner().train()
     made.condition_dropout = 1.0
-    assert torch.equal(made(told(3), 3).head, made(NO_CONDITIONING, 3).head)
+    assert torch.equal(made(conditioned(3), 3).head, made(NO_CONDITIONING, 3).head)
 
 
 def people(count: int, seed: int) -> list[Recording]:
@@ -121,9 +121,9 @@ def test_unseen_speaker_is_a_random_training_speaker_for_each_sound() -> None:
     assert drawn == [speaker_index(known, "stranger", f"sound {number}") for number in range(200)]
     assert [speaker_index(known, name, "sound 1") for name in known] == list(range(9))
     clip = replace(people(1, seed=4)[0].clip, speaker="stranger", sound="sound 7")
-    told = ConditioningProvider({"speaker"}, known, None).clip_inputs(clip, 50)
-    assert told.speaker is not None
-    assert told.speaker.tolist() == [drawn[7]]
+    conditioned = ConditioningProvider({"speaker"}, known, None).clip_inputs(clip, 50)
+    assert conditioned.speaker is not None
+    assert conditioned.speaker.tolist() == [drawn[7]]
 
 
 def test_mirrored_window_has_mirrored_condition() -> None:

@@ -25,6 +25,7 @@ from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.output_folder import atomic_folder, output_path
+from talkingeyes.core.progress import progress_bar
 from talkingeyes.core.rotation import angles_to_gaze, gaze_to_angles, matrix_to_rotvec, rotvec_to_matrix
 from talkingeyes.core.settings import Settings, validate_section
 from talkingeyes.fitting.clip import FitResult, FitSettings, fit_clip
@@ -246,7 +247,7 @@ def _capture_view(
     points: list[ndarray] = []
     times, cuts = [], []
     blank = EyeImage(np.zeros((IMAGE_PX[1], IMAGE_PX[0], 3), np.uint8), np.zeros(2), 1.0)
-    for time_s, image in _frames(view, fps):
+    for time_s, image in progress_bar(_frames(view, fps), f"faces of {view.name}"):
         face = mesh.detect(image, time_s)
         times.append(time_s)
         if face is None:
