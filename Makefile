@@ -134,7 +134,7 @@ release-models: setup  ## Train the packaged models on 20 hours of seven languag
 	$(MAKE) --no-print-directory packaged-models models=build/release/data/train
 	$(BIN)/talkingeyes pack build/release/remote_call/data/train/talkingeyes_events -o src/talkingeyes/animation/assets/talkingeyes_remote_call.safetensors --no-face --half-precision --force
 
-release-report: setup  ## After make repro: measure the packaged models on a sealed corpus; appends to docs/results/releases.md
+release-report: setup  ## After make report: measure the packaged models on a sealed corpus; appends to docs/results/releases.md
 	$(BIN)/python -m pipelines.results.release_report
 
 face: setup  ## ProbTalk3D's Table 1: every model of the face, three seeds (docs/results/face_table.md has one so far); goes on where it was killed

@@ -10,9 +10,9 @@ Reads: the corpus, data/fit, data/embed, data/critic, for a model data/sample/<m
 
 Writes: data/evaluate/<row>/metrics.json {split: {part: {metric: {value, low, high, speakers_low, speakers_high}}}}, the
 intervals over sounds and over speakers (those of the face over sounds alone); speed.csv (fraction of frames that are
-faster); on both splits together aversion.json: what speech tells about gaze aversion, and benchmark.json: the gaze
-benchmark, compared with all takes of the truth (in a corpus without truth: with the fitted motion). A corpus without
-truth has an empty row `truth`.
+faster); on both splits together aversion.json: what speech tells about gaze aversion, and the row's motion about the
+true one; benchmark.json: the gaze benchmark, compared with all takes of the truth (in a corpus without truth: with the
+fitted motion). A corpus without truth has an empty row `truth`.
 """
 
 from __future__ import annotations
@@ -63,7 +63,9 @@ from talkingeyes.evaluation.report.information import (
     LIVE_LOOKAHEAD_S,
     SoundAversion,
     aversion_information,
+    aversion_prediction,
     changes_per_s,
+    shift_in_time,
     sound_aversion,
 )
 from talkingeyes.orchestration.run import InputPaths, Report, Workspace, main, parallel_map
@@ -79,11 +81,13 @@ SOUNDS_PER_PROCESS = 40
 
 @dataclass(frozen=True)
 class SoundResult:
-    """Results of a sound: metrics by part, its statistics for the benchmark, and when gaze is averted."""
+    """Results of a sound: metrics by part, statistics for the benchmark, and when gaze is averted (`reference`: that of
+    the truth)."""
 
     figures: dict[str, ClipMetrics]
     benchmark: SoundStatistics
     aversion: SoundAversion
+    reference: SoundAversion
 
 
 def run(workspace: Workspace, name: str, training: Workspace | None = None) -> Report:
@@ -101,12 +105,13 @@ def run(workspace: Workspace, name: str, training: Workspace | None = None) -> R
     jobs = min(workspace.jobs, 1 + len(work) // SOUNDS_PER_PROCESS)
     task = partial(evaluate, paths, evaluators, settings.benchmark_samples)
     measured = parallel_map(task, eyes, jobs, f"evaluate {name}")
-    benchmark, aversions = PairedAccumulator(), list[SoundAversion]()
+    benchmark, aversions, references = PairedAccumulator(), list[SoundAversion](), list[SoundAversion]()
     for item, one in zip(eyes, measured, strict=True):
         if one is None:
             continue
         benchmark.add(one.benchmark)
         aversions.append(one.aversion)
+        references.append(one.reference)
         for part, of_part in one.figures.items():
             found[item.takes[0].split][part].append(of_part)
     figures: dict[str, dict[str, Mapping[str, Estimate]]] = {
@@ -120,17 +125,22 @@ def run(workspace: Workspace, name: str, training: Workspace | None = None) -> R
         (folder / "metrics.json").write_text(json.dumps(_plain(figures), indent=1))
         (folder / "benchmark.json").write_text(benchmark.table(settings.bootstrap).json())
         if aversions:
-            of_aversion = _aversion(training or workspace, name, aversions, settings)
+            of_aversion = _aversion(training or workspace, name, aversions, references, settings)
             (folder / "aversion.json").write_text(json.dumps(of_aversion, indent=1))
         _write_speeds(folder / "speed.csv", found)
     return Report(metrics=_flat(figures), artifacts=[workspace.data("evaluate", name, "metrics.json")])
 
 
 def _aversion(
-    training: Workspace, row: str, sounds: Sequence[SoundAversion], settings: EvaluateSettings
+    training: Workspace,
+    row: str,
+    sounds: Sequence[SoundAversion],
+    references: Sequence[SoundAversion],
+    settings: EvaluateSettings,
 ) -> dict[str, Any]:
-    """Information of speech about gaze aversion. Real motion has a take for most sounds, too few to fit the regression,
-    which is fitted to that of the train split too; its row has the most that a live model can follow besides."""
+    """Information of speech about gaze aversion, and what a model's motions tell about that of the reference. Real
+    motion has a take for most sounds, too few to fit the regression, which is fitted to that of the train split too;
+    its row has the most that a live model can follow besides."""
     further: list[SoundAversion] = []
     if row in REAL_ROWS:
         corpus, fit = Corpus(training.corpus), training.data("fit")
@@ -139,10 +149,13 @@ def _aversion(
         further = list(parallel_map(measure, clips[:MAX_TRAINING_SOUNDS], training.jobs, f"aversion {row}"))
     bounds_s = {"information": np.inf} | ({"live_information": LIVE_LOOKAHEAD_S} if further else {})
     found = {
-        name: asdict(aversion_information(sounds, settings.bootstrap, further, ahead_s))
-        for name, ahead_s in bounds_s.items()
+        name: aversion_information(sounds, settings.bootstrap, further, ahead_s) for name, ahead_s in bounds_s.items()
     }
-    return found | {"changes_per_s": changes_per_s(sounds)}
+    shifted = [shift_in_time(each, settings.seed) for each in (sounds, further)]
+    found["shifted_information"] = aversion_information(shifted[0], settings.bootstrap, shifted[1])
+    if row not in REAL_ROWS:
+        found["prediction"] = aversion_prediction(sounds, references, settings.bootstrap)
+    return {name: asdict(each) for name, each in found.items()} | {"changes_per_s": changes_per_s(sounds)}
 
 
 def _real_aversion(row: str, root: Path, fit: Path, clip: Clip) -> SoundAversion:
@@ -226,7 +239,10 @@ def evaluate(
     counts = sound_statistics(
         motion_sets, seen.scores, evaluators.critics, evaluators.encoder, seen.speech, seen.others
     )
-    return SoundResult(seen.figures, counts, sound_aversion(item.clip.speaker, motion_sets.evaluated))
+    row, reference = (
+        sound_aversion(item.clip.speaker, each) for each in (motion_sets.evaluated, motion_sets.reference)
+    )
+    return SoundResult(seen.figures, counts, row, reference)
 
 
 def _compared(

@@ -9,7 +9,14 @@ import pytest
 
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.report.information import SoundAversion, aversion_information, changes_per_s, speech_events
+from talkingeyes.evaluation.report.information import (
+    SoundAversion,
+    aversion_information,
+    aversion_prediction,
+    changes_per_s,
+    shift_in_time,
+    speech_events,
+)
 
 BINS, BIN_S = 125, 0.08
 BOOTSTRAP = BootstrapSettings(n_resamples=200, confidence_level=0.95, seed=0)
@@ -57,10 +64,36 @@ def test_events_to_come_are_left_out_for_a_live_model():
     assert live.high < whole.value / 2
 
 
+def test_a_rule_that_locks_gaze_to_onsets_has_more_information_than_people_but_predicts_no_more_of_them():
+    """People avert at the pause or elsewhere, by turns that a model may know; the rule averts at every pause."""
+    random, people, knowing, rule, blind = np.random.default_rng(0), [], [], [], []
+    for index in range(400):
+        own, other = annotation(random), annotation(random)
+        onsets_s = [each.speaking[1].start_s for each in (own, other)]
+        onset_s = onsets_s[int(random.uniform() < 0.5)]
+        speech = speech_events(own, TIMES_S, 10.0)
+        for row, at_s, samples in (
+            (people, onset_s, 1),
+            (knowing, onset_s, 10),
+            (rule, onsets_s[0], 10),
+            (blind, 5.0, 10),
+        ):
+            averted = np.abs(TIMES_S - at_s - random.normal(0, 0.2, (samples, 1))) < 0.5
+            row.append(SoundAversion(f"s{index % 40}", averted, speech, samples * 10.0))
+    one_each = [replace(each, averted=each.averted[:1], seconds=10.0) for each in rule]
+    assert aversion_information(one_each, BOOTSTRAP).value > 2 * aversion_information(people, BOOTSTRAP).value > 0
+    assert abs(aversion_information(shift_in_time(one_each, 0), BOOTSTRAP).value) < 0.03
+    predicted = [aversion_prediction(row, people, BOOTSTRAP) for row in (knowing, rule, blind)]
+    assert predicted[0].low > predicted[1].high > predicted[1].low > 0.05
+    assert predicted[2].value < predicted[1].low / 2, "the middle of the clip is where most are averted"
+    assert abs(aversion_prediction(shift_in_time(rule, 0), people, BOOTSTRAP).value) < 0.01
+
+
 def test_still_gaze_has_none():
     still = [replace(each, averted=np.zeros_like(each.averted)) for each in motions(True)]
     assert aversion_information(still, BOOTSTRAP).value == 0
     assert changes_per_s(still) == 0
+    assert abs(aversion_prediction(still, motions(True), BOOTSTRAP).value) < 0.01
 
 
 def test_bins_hold_changes_and_events():

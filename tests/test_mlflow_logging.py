@@ -182,8 +182,8 @@ def test_the_view_opens_on_test_and_val_with_the_tie_to_the_sound():
     figures = {"diversity_ratio", "corr", "tie_ratio", "speed_ratio", "still_fraction"}
     assert all(len(short) <= 12 for short in TEST_METRICS)  # a column's width
     long = [*TEST_METRICS.values()]
-    assert long[:2] == ["requirements_ties", "requirements_margins"]
-    for metric in long[2:]:
+    assert long[:3] == ["requirements_ties", "requirements_margins", "requirements_learnt"]
+    for metric in long[3:]:
         split, part, figure = metric.split("/")
         assert split == "test"
         assert part in CRITICS

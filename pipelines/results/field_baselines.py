@@ -35,7 +35,7 @@ from talkingeyes.evaluation.benchmark.comparison import MetricResult
 from talkingeyes.evaluation.benchmark.table import from_json
 from talkingeyes.evaluation.measures.metric import CLOSER, HIGHER
 from talkingeyes.evaluation.papers.table3 import TITLES
-from talkingeyes.evaluation.report.requirements import model_requirements, to_json
+from talkingeyes.evaluation.report.requirements import MARGIN, TIE, model_requirements, to_json
 from talkingeyes.evaluation.text_tables import markdown_row
 from talkingeyes.orchestration.run import Workspace, parallel_map, run_command
 from talkingeyes.workflows.evaluate_people import MOTIONS, TRUTH, evaluate_people
@@ -260,9 +260,9 @@ def _descriptions() -> Iterator[str]:
         yield f"- **{FIELD_TITLES[name]}** (`{name}`, after {program}). {text.partition(' Source: ')[0]}"
 
 
-def _met(rows: Sequence[Mapping[str, Any]], ties: bool) -> str:
-    kind = [row["met"] for row in rows if row["tie"] is ties]
-    return f"{sum(kind)} of {len(kind)}"
+def _met(rows: Sequence[Mapping[str, Any]], kind: str) -> str:
+    met = [row["met"] for row in rows if row["kind"] == kind]
+    return f"{sum(met)} of {len(met)}"
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -273,8 +273,8 @@ def _requirements(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     lines = [["requirement", "bounds", *(ROW_TITLES[name] for name in SHOWN)]]
     for each in zip(*(found[name] for name in SHOWN), strict=True):
         lines.append([each[0]["requirement"], each[0]["bounds"], *map(_required, each)])
-    for ties, title in ((True, "ties met"), (False, "margins met")):
-        lines.append([f"**{title}**", "", *(_met(found[name], ties) for name in SHOWN)])
+    for kind, title in ((TIE, "ties met"), (MARGIN, "margins met")):
+        lines.append([f"**{title}**", "", *(_met(found[name], kind) for name in SHOWN)])
     return "\n".join(_table(lines))
 
 

@@ -1,6 +1,6 @@
 """Measure the packaged models on a sealed corpus, and append the figures to docs/results/releases.md.
 
-Run     make release-report        (python -m pipelines.results.release_report), after make repro
+Run     make release-report        (python -m pipelines.results.release_report), after make report
 Reads   the packaged models; of the default chain in data/: baselines, critics, and real motion of the train split, to
         which hazards of gaze aversion and the classifier of emotions are fitted
 Writes  build/sealed/N: a corpus of 300 sounds of 50 people; build/sealed/N-remote_call: the same sounds, with the gaze
@@ -49,7 +49,7 @@ from talkingeyes.evaluation.measures.partner_gaze import CURVES
 from talkingeyes.evaluation.papers.probtalk3d_metrics import summarise_face
 from talkingeyes.evaluation.papers.table3 import TITLES
 from talkingeyes.evaluation.report.information import SoundAversion, aversion_information, sound_aversion
-from talkingeyes.evaluation.report.requirements import model_requirements, model_requirements_table
+from talkingeyes.evaluation.report.requirements import LOOKUPS, model_requirements, model_requirements_table
 from talkingeyes.evaluation.report.validation_metrics import ValidateSettings
 from talkingeyes.evaluation.text_tables import Column, markdown_table
 from talkingeyes.orchestration.config import compose, write_params
@@ -58,7 +58,7 @@ from talkingeyes.orchestration.run import SEAL, Workspace, parallel_map, run_com
 
 CHAIN, SEALED, PAGE = Path("data"), Path("build/sealed"), Path("docs/results/releases.md")
 REFERENCES = ("truth", "fitted", "mismatched")
-BASELINES = ("random", "similar", "untrained")
+BASELINES = ("random", "similar", *LOOKUPS, "untrained")
 DEFAULT = "talkingeyes_events"
 MODELS = {DEFAULT: PACKAGED_MODEL, "talkingeyes_live": PACKAGED_LIVE_MODEL}
 FACE_COLUMNS = (
@@ -74,7 +74,7 @@ def run() -> None:
     """Make the corpus if it is not there, measure every row, and append a section."""
     for name in BASELINES:
         if not (CHAIN / "train" / name).is_dir():
-            raise InputError(f"{CHAIN}/train: should hold {name}, got none; `make repro` makes it")
+            raise InputError(f"{CHAIN}/train: should hold {name}, got none; `make report` makes it")
     baselines = {name: CHAIN / "train" / name for name in BASELINES}
     with ExitStack() as stack:
         models = {name: stack.enter_context(open_model(path)) for name, path in MODELS.items()}
@@ -234,7 +234,7 @@ def _section(corpus: Path, measured: Measured, languages: str, faces: str, calls
     return f"""
 ## {date.today().isoformat()}, revision {revision()}
 
-Packaged files, trained by `make release-models`, as they are (half precision); critics and baselines of `make repro`:
+Packaged files, trained by `make release-models`, as they are (half precision); critics and baselines of `make report`:
 
 {files}
 

@@ -61,11 +61,12 @@ questions and the paper's values: conf/experiment/paper_tables.yaml. This page s
 [tables.json](tables.json) has both splits and all metrics, with 95 % intervals over sounds and over speakers, and the
 range of the seeds.
 
-Rows are of two families. *As printed* has the paper's decoder, which regresses features frame by frame, and one latent
-code of the head per clip. The whole recipe (`experiment=paper_literal`) is measured apart: its eyes freeze, too
-([log](../log/2026-11-24-paper-literal.md)). *Codes in sequence* samples codes of 4 frames of gaze in space, as
-categories, after a VAE head with a code per half second (`talkingeyes_codes_vae_head`, unconditional). Both train with
-the same steps, batch and learning rate.
+Rows are of two families. *Features regressed* has the paper's decoder, which regresses features frame by frame, and one
+latent code of the head per clip; not as printed are its losses (means over standardised numbers), its codebook (moving
+averages), its attention (25 frames to each side) and its budget. The recipe as printed (`experiment=paper_literal`) is
+measured apart: its eyes freeze, too ([log](../log/2026-11-24-paper-literal.md)). *Codes in sequence* samples codes of 4
+frames of gaze in space, as categories, after a VAE head with a code per half second. Both train with the same steps,
+batch and learning rate.
 
 In brackets is the paper's value, of another corpus, encoder and critic, and of about 480,000 training steps: compare
 the order of rows, not the values. Diversity, Corr. and L2 (radians) compare with fitted motion, speeds and ranges with

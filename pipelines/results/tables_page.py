@@ -6,7 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from talkingeyes.evaluation.papers.talkingeyes_claims import CLAIMS, Claim, RankOrder, Verdict, judge, rank_order
+from talkingeyes.evaluation.papers.talkingeyes_claims import (
+    CLAIMS,
+    LEVEL,
+    NOT_REPRODUCED,
+    REPRODUCED,
+    Claim,
+    RankOrder,
+    Verdict,
+    judge,
+    rank_order,
+)
 from talkingeyes.evaluation.papers.talkingeyes_results import SeedMean, SeedResult, SplitResult, mean_over_seeds
 from talkingeyes.evaluation.papers.talkingeyes_tables import FAMILIES, HEAD_AND_EYE_COLUMNS, TABLES, TITLES, PaperTable
 from talkingeyes.evaluation.text_tables import Column, markdown_table, training_sentence
@@ -23,12 +33,13 @@ SHOWN = {
 SHOWN_SPLIT = "unseen"
 CLAIMS_TEXT = """## The paper's claims
 
-Fixed before the first run (`evaluation/papers/talkingeyes_claims.py`): a claim is reproduced if the interval of the
-difference over speakers (95 %) lies on its side of 0 in more than half of the seeds, not reproduced if it lies on the
-other side (how many on each: `seeds 2:1`), else undecided. "Does not affect" and "like" mean within 10 %. Where the
+A claim is reproduced if the interval of the difference, a mean over seeds (95 %, over speakers and seeds), lies on its
+side of 0, not reproduced if it lies on the other, else undecided (`evaluation/papers/talkingeyes_claims.py`). Where the
 eyes of a row stand still though the paper's move, the columns of the eyes decide nothing
-([why](../log/2026-11-22-why-the-papers-order-differs.md)). Limits are means over seeds. A claim is decided by the rows
-of its table (Table II: those of Table V) in the column that it names.
+([why](../log/2026-11-22-why-the-papers-order-differs.md)). A claim is decided by the rows of its table (Table II: those
+of Table V) in the column that it names. {verdicts} verdicts were asked for and {decided} fell; if no row differed from
+another, {chance:.1f} would fall by chance. The {firm} marked * hold with intervals that make one such verdict among all
+of them unlikely (5 %, Bonferroni).
 """
 ORDERS_TEXT = """## The paper's order of rows
 
@@ -74,17 +85,30 @@ def cell(seeds: Sequence[SplitResult], row: str, metric: str) -> SeedMean | None
 
 
 def _claims(results: Results) -> str:
-    lines = []
-    for claim in CLAIMS:
-        seeds = by_split(results[claim.table]).get(SHOWN_SPLIT) if claim.table in results else None
-        if seeds:
-            verdicts = [_verdict(judge(claim, family, seeds)) for family in FAMILIES]
-            lines.append([f"{claim.text} ({claim.source})", *verdicts])
-    return "\n".join([CLAIMS_TEXT, markdown_table(["claim", *FAMILIES.values()], lines), ""])
+    seeds = {name: by_split(found).get(SHOWN_SPLIT) for name, found in results.items()}
+    judged = [
+        (claim, family, judge(claim, family, found), found)
+        for claim in CLAIMS
+        if (found := seeds.get(claim.table))
+        for family in FAMILIES
+    ]
+    verdicts = sum(bool(verdict.verdict) for _, _, verdict, _ in judged)
+    cells, decided, firm = dict[Claim, list[str]](), 0, 0
+    for claim, family, verdict, found in judged:
+        is_decided = verdict.verdict in (REPRODUCED, NOT_REPRODUCED)
+        level = 1 - (1 - LEVEL) / max(verdicts, 1)
+        is_firm = is_decided and judge(claim, family, found, level).verdict == verdict.verdict
+        decided, firm = decided + is_decided, firm + is_firm
+        cells.setdefault(claim, []).append(_verdict(verdict, is_firm))
+    lines = [[f"{claim.text} ({claim.source})", *each] for claim, each in cells.items()]
+    text = CLAIMS_TEXT.format(verdicts=verdicts, decided=decided, firm=firm, chance=(1 - LEVEL) * verdicts)
+    return "\n".join([text, markdown_table(["claim", *FAMILIES.values()], lines), ""])
 
 
-def _verdict(verdict: Verdict) -> str:
-    return f"**{verdict.verdict}**: {verdict.reason}" if verdict.verdict else verdict.reason
+def _verdict(verdict: Verdict, is_firm: bool) -> str:
+    if not verdict.verdict:
+        return verdict.reason
+    return f"**{verdict.verdict}**{'*' if is_firm else ''}: {verdict.reason}"
 
 
 def _table(table: PaperTable, seeds: Sequence[SeedResult]) -> str:

@@ -27,6 +27,7 @@ from talkingeyes.core.errors import InputError
 TEST_METRICS = {
     "ties": "requirements_ties",
     "margins": "requirements_margins",
+    "learnt": "requirements_learnt",
     "div. eyes": "test/gaze/diversity_ratio",
     "speed eyes": "test/gaze/speed_ratio",
     "corr. eyes": "test/gaze/corr",

@@ -25,7 +25,7 @@ TITLES = {
     "pieced_replay": "Lookup, a piece an onset",
     "untrained": "Untrained (events, random weights)",
     "vae": "VAE",
-    "talkingeyes_paper": "TalkingEyes, as in the paper",
+    "talkingeyes_paper": "TalkingEyes, the paper's equations",
     "talkingeyes": "TalkingEyes",
     "talkingeyes_events": "TalkingEyes, events (default of animate)",
     "talkingeyes_live": "TalkingEyes, live (lookahead 0.24 s)",

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
+from scipy.stats import norm, sem, t
 
 from talkingeyes.core.kinematics import still_fraction
 from talkingeyes.evaluation.bootstrap import (
@@ -122,9 +123,20 @@ def mean_over_seeds(estimates: Sequence[TableEstimate]) -> SeedMean:
     )
 
 
-def majority_sign(signs: Sequence[int]) -> int:
-    """The sign (-1 or 1) that more than half of the seeds have; 0 if none has."""
-    return next((sign for sign in (-1, 1) if signs.count(sign) > len(signs) / 2), 0)
+def interval_with_seeds(estimates: Sequence[TableEstimate], level: float = 0.95) -> tuple[float, float]:
+    """Interval of a mean over seeds, over speakers and seeds: the half-widths of both added as squares.
+
+    Over speakers it is the mean of the seeds' limits (95 %), scaled as a normal one to another level; over seeds that
+    of Student's t, and of no width with one seed.
+    """
+    mean, values = mean_over_seeds(estimates), np.array([each.value for each in estimates])
+    tail = (1 + level) / 2
+    scale = norm.ppf(tail) / norm.ppf(0.975)
+    seeds = t.ppf(tail, len(values) - 1) * sem(values) if len(values) > 1 else 0.0
+    low, high = (
+        math.hypot(scale * each, seeds) for each in (mean.value - mean.speakers_low, mean.speakers_high - mean.value)
+    )
+    return mean.value - low, mean.value + high
 
 
 def to_json(result: SeedResult) -> dict[str, Any]:

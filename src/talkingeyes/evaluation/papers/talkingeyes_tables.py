@@ -1,8 +1,8 @@
 """Definitions of the reproduced tables of TalkingEyes: rows, columns, and the paper's numbers (on TKED-Test).
 
-A row is a model of conf/experiment/paper_tables.yaml. A model is the same row in every table. Each row as printed has a
-partner whose codes of gaze are sampled in sequence. Columns of Tables III and V: section V-B; of VI and VII: section
-V-D.
+A row is a model of conf/experiment/paper_tables.yaml. A model is the same row in every table. Each row whose features
+are regressed, as in the paper, has a partner whose codes of gaze are sampled in sequence. Columns of Tables III and V:
+section V-B; of VI and VII: section V-D.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from dataclasses import dataclass
 from talkingeyes.evaluation.text_tables import Column
 
 # The two families of rows.
-PRINTED, SEQUENCE = "printed", "sequence"
-FAMILIES = {PRINTED: "as printed", SEQUENCE: "codes in sequence"}
+REGRESSED, SEQUENCE = "regressed", "sequence"
+FAMILIES = {REGRESSED: "features regressed", SEQUENCE: "codes in sequence"}
 
 
 @dataclass(frozen=True)
 class PaperTable:
     """A table: its columns, and its rows in order with the paper's numbers (None: not in the paper).
 
-    `partners`: from a row as printed to its row with codes in sequence (None: the term or part does not exist there). A
-    row of the paper without an entry is a baseline, which both families share.
+    `partners`: from a row with regressed features to its row with codes in sequence (None: the term or part does not
+    exist there). A row of the paper without an entry is a baseline, which both families share.
     """
 
     title: str
@@ -39,7 +39,7 @@ class PaperTable:
 
     def row_of(self, family: str, row: str) -> str | None:
         """The row of a family that stands for a row of the paper; None if it has none."""
-        return row if family == PRINTED else self.partners.get(row, row)
+        return row if family == REGRESSED else self.partners.get(row, row)
 
 
 EYE_COLUMNS = (Column("Div. eyes", "gaze/diversity"), Column("Corr. eyes", "gaze/corr"), Column("L2 eyes", "gaze/l2"))
@@ -132,16 +132,16 @@ TABLES = {
         paper_columns=HEAD_AND_EYE_COLUMNS,
         extra_columns=MOTION_COLUMNS,
         rows={
-            "printed_2048": (0.05119, 0.26278, 0.54150, 0.60268, 0.22990, 0.27397),
-            "printed_1024": PUBLISHED_TALKINGEYES,
-            "printed_512": (0.04966, 0.27578, 0.53699, 0.59932, 0.22959, 0.27345),
-            "printed_256": (0.05027, 0.31291, 0.52527, 0.58959, 0.22762, 0.32000),
+            "regressed_2048": (0.05119, 0.26278, 0.54150, 0.60268, 0.22990, 0.27397),
+            "regressed_1024": PUBLISHED_TALKINGEYES,
+            "regressed_512": (0.04966, 0.27578, 0.53699, 0.59932, 0.22959, 0.27345),
+            "regressed_256": (0.05027, 0.31291, 0.52527, 0.58959, 0.22762, 0.32000),
             "sequence_2048": None,
             "sequence_1024": None,
             "sequence_512": None,
             "sequence_256": None,
         },
-        partners={f"printed_{codes}": f"sequence_{codes}" for codes in (2048, 1024, 512, 256)},
+        partners={f"regressed_{codes}": f"sequence_{codes}" for codes in (2048, 1024, 512, 256)},
     ),
 }
 # Rows of real motion, in every table.
@@ -154,16 +154,16 @@ TITLES = {
     "random": "Random",
     "similar": "Similar Sample (the most similar, as in the paper)",
     "vae": "VAE (head: VAE, eyes: VAE)",
-    "talkingeyes_paper": "TalkingEyes as printed (head: VAE, eyes: VQ-VAE, N = 1,024)",
-    "talkingeyes": "TalkingEyes (codes in sequence, head: events)",
+    "talkingeyes_paper": "TalkingEyes, features regressed (head: VAE, eyes: VQ-VAE, N = 1,024)",
+    "talkingeyes": "TalkingEyes (codes in sequence)",
     "talkingeyes_events": "TalkingEyes, events (default of animate)",
     "vqvae_head": "Head: VQ-VAE, eyes: VQ-VAE",
     "without_velocity": "Without velocity loss",
     "without_regularity": "Without feature regularity",
-    "printed_2048": "N = 2,048",
-    "printed_1024": "N = 1,024",
-    "printed_512": "N = 512",
-    "printed_256": "N = 256",
+    "regressed_2048": "N = 2,048",
+    "regressed_1024": "N = 1,024",
+    "regressed_512": "N = 512",
+    "regressed_256": "N = 256",
     "sequence": "Codes in sequence (head: VAE, N = 256)",
     "sequence_vae_gaze": "Head of codes in sequence, eyes: VAE",
     "sequence_vqvae_head": "Codes in sequence, head: VQ-VAE",

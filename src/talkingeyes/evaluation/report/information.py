@@ -9,7 +9,9 @@ About gaze aversion: in steps of 80 ms, the hazard of leaving the partner, and t
 regression on the time since the last change, without and with the events of speech (in bins of 0.25 s up to 2 s before
 and after each). The figure is the gain in log-likelihood by the events on speakers that the regression was not fitted
 to (five folds). It needs no likelihood of a model; gaze that moves like people whatever the sound has none (below 0:
-what the regression overfits).
+what the regression overfits). It says that events are locked to speech, not that they are where people's are: a rule
+has more of it than people. `aversion_prediction` asks for the latter: the same hazards of the true gaze, without and
+with how many of the motions generated for that sound are averted.
 
 Small effects count by their square: with half of the truth's change of averted gaze around events, gaze has about a
 quarter of its information. A conditional mean has much information about little motion: read it with `changes_per_s`.
@@ -18,12 +20,13 @@ quarter of its information. A conditional mean has much information about little
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray
+from scipy.ndimage import gaussian_filter1d
 
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, bootstrap, ratio_statistic
@@ -108,6 +111,8 @@ AGES = (1, 2, 4, 6, 9, 13, 19, 28, 40)  # bins since the last change
 FOLDS = 5
 PENALTY = 0.1  # sklearn's C
 LIVE_LOOKAHEAD_S = 0.25  # that of talkingeyes_live, rounded up to a bin of LAGS_S
+# How many generated motions are averted: smoothed, and taken before, at and after the next bin.
+PREDICTION_SIGMA_BINS, PREDICTION_BINS = 2.0, np.array([-5, 0, 5])
 
 
 @dataclass(frozen=True)
@@ -160,6 +165,13 @@ def _covered(times_s: Float[ndarray, " N"], spans: Sequence[Span]) -> Bool[ndarr
     return np.any(inside, axis=0) if inside else np.zeros(len(times_s), bool)
 
 
+def shift_in_time(sounds: Sequence[SoundAversion], seed: int) -> list[SoundAversion]:
+    """The same motions under the same speech, each sound's shifted round by a random lag: no event is in its place."""
+    random = np.random.default_rng(seed)
+    lags = [int(random.integers(each.averted.shape[1])) for each in sounds]
+    return [replace(each, averted=np.roll(each.averted, lag, axis=1)) for each, lag in zip(sounds, lags, strict=True)]
+
+
 def changes_per_s(sounds: Sequence[SoundAversion]) -> float:
     """How often gaze leaves the partner or returns."""
     return float(sum(each.changes.sum() for each in sounds) / sum(each.seconds for each in sounds))
@@ -177,28 +189,77 @@ def aversion_information(
     than `lookahead_s` ahead are left out: the most that a live model can follow.
     """
     known = np.concatenate([np.tile(LAGS_S[:-1] >= -lookahead_s, len(EVENTS)), np.ones(STATES, bool)])
-    both, counted = [*sounds, *further], sorted({each.speaker for each in sounds})
-    speakers = sorted({each.speaker for each in both})
-    fold_of = dict(zip(speakers, np.random.default_rng(0).permutation(len(speakers)) % FOLDS, strict=True))
-    sizes = [each.changes.size for each in both]
-    fold = np.repeat([fold_of[each.speaker] for each in both], sizes)
-    counts = np.arange(len(fold)) < sum(sizes[: len(sounds)])
-    averted = np.concatenate([each.averted[:, :-1].ravel() for each in both])
-    changes = np.concatenate([each.changes.ravel() for each in both])
-    age = np.concatenate([each.age.reshape(-1, len(AGES) + 1) for each in both])
+    both = [*sounds, *further]
+    changes = _Changes.of(both)
     speech = np.concatenate([np.tile(each.speech[1:, known], (len(each.averted), 1)) for each in both])
-    predictors = age, np.hstack([age, speech.astype(np.float32)])
-    gain = np.zeros(len(changes))
-    for state in (False, True):
-        for held_out in range(FOLDS):
-            train, test = ((averted == state) & each for each in (fold != held_out, (fold == held_out) & counts))
-            without, with_speech = (
-                _log_likelihood(features[train], changes[train], features[test], changes[test])
-                for features in predictors
-            )
-            gain[test] = with_speech - without
+    gain = changes.gain(speech.astype(np.float32))
+    return _nats_per_second(gain, sounds, settings)
+
+
+def aversion_prediction(
+    generated: Sequence[SoundAversion], true: Sequence[SoundAversion], settings: BootstrapSettings
+) -> Estimate:
+    """What motions generated for a sound tell about when true gaze of the same sound changes, in nats a second, with
+    its interval over speakers: how much more likely they are given how many of the motions are averted.
+
+    Entry n of both belongs to one sound. The regression calibrates the odds, so that what counts is what they tell, not
+    how sure they are; motion that knows nothing of the sound has none.
+    """
+    changes = _Changes.of(true)
+    predictors = []
+    for own, truth in zip(generated, true, strict=True):
+        count = truth.averted.shape[1]
+        frames = np.minimum(np.arange(1, count)[:, None] + PREDICTION_BINS, own.averted.shape[1] - 1)
+        averted = gaussian_filter1d(own.averted.sum(axis=0).astype(float), PREDICTION_SIGMA_BINS, mode="nearest")
+        odds = np.log((averted + 0.5) / (len(own.averted) - averted + 0.5))
+        predictors.append(np.tile(odds[np.maximum(frames, 0)], (len(truth.averted), 1)))
+    gain = changes.gain(np.concatenate(predictors).astype(np.float32))
+    return _nats_per_second(gain, true, settings)
+
+
+@dataclass(frozen=True)
+class _Changes:
+    """All bins of some motions, one after the other: their states, what happens next, and the fold of their speaker."""
+
+    averted: Bool[ndarray, " K"]
+    changes: Bool[ndarray, " K"]
+    age: Float[ndarray, "K A"]
+    fold: Int[ndarray, " K"]
+
+    @classmethod
+    def of(cls, sounds: Sequence[SoundAversion]) -> _Changes:
+        speakers = sorted({each.speaker for each in sounds})
+        folds = dict(zip(speakers, np.random.default_rng(0).permutation(len(speakers)) % FOLDS, strict=True))
+        return cls(
+            np.concatenate([each.averted[:, :-1].ravel() for each in sounds]),
+            np.concatenate([each.changes.ravel() for each in sounds]),
+            np.concatenate([each.age.reshape(-1, len(AGES) + 1) for each in sounds]),
+            np.repeat([folds[each.speaker] for each in sounds], [each.changes.size for each in sounds]),
+        )
+
+    def gain(self, predictors: Float[ndarray, "K F"]) -> Float[ndarray, " K"]:
+        """How much more likely each change, or none, is given predictors besides the age; fitted to other speakers."""
+        gain = np.zeros(len(self.changes))
+        for state in (False, True):
+            for held_out in range(FOLDS):
+                train, test = (
+                    (self.averted == state) & each for each in (self.fold != held_out, self.fold == held_out)
+                )
+                without, with_predictors = (
+                    _log_likelihood(features[train], self.changes[train], features[test], self.changes[test])
+                    for features in (self.age, np.hstack([self.age, predictors]))
+                )
+                gain[test] = with_predictors - without
+        return gain
+
+
+def _nats_per_second(
+    gain: Float[ndarray, " K"], sounds: Sequence[SoundAversion], settings: BootstrapSettings
+) -> Estimate:
+    """Gain a second of the first sounds, whose bins come first."""
+    counted = sorted({each.speaker for each in sounds})
     rows = [counted.index(each.speaker) for each in sounds]
-    owner = np.repeat(rows, sizes[: len(sounds)])
+    owner = np.repeat(rows, [each.changes.size for each in sounds])
     seconds = np.bincount(rows, [each.seconds for each in sounds], len(counted))
     total = np.bincount(owner, gain[: len(owner)], len(counted))
     return bootstrap(ratio_statistic(total, seconds), len(counted), settings)

@@ -2,7 +2,9 @@
 
 Margins say that motion is like motion, whatever the sound; ties say that it follows its sound. Random and Mismatched
 have the margins of true motion and no tie, a conditional mean the ties and no margins: only both together say
-something, so a row is as good as what it misses. All bounds are choices of this project.
+something, so a row is as good as what it misses. Motion that is looked up in the training data by its loudness meets
+most of both. What a model has learnt is therefore what it knows beyond the better of two lookups (models/replay.py).
+All bounds are choices of this project.
 
 `report_summary` is the report in at most 25 lines of plain text.
 """
@@ -31,9 +33,14 @@ REST_BOUNDS = (0.95, 1.05)
 # Ties: Corr. less that under other sounds of the speaker, relative to fitted motion.
 TIED_PARTS = {"gaze": "eyes", "gaze_in_space": "gaze in space", "head": "head"}
 MIN_TIE = 0.6  # Similar Sample with 2,798 training sounds reaches 0.45 (0.35 to 0.56)
-# Information of speech about gaze aversion, relative to fitted motion. The truth has up to 1.84 of it (the fit blurs);
-# gaze that a rule ties to loudness has 31 (docs/results/field_baselines.md).
-INFORMATION_BOUNDS = (0.8, 3.0)
+# Learnt: the whole interval lies beyond the better lookup's value.
+LOOKUPS = ("aligned_replay", "pieced_replay")
+LEARNT_DISTANCES = (
+    ("distance of saccade amplitudes to the truth", "saccades/amplitude_distance"),
+    ("distance of aversion durations to the truth", "partner_gaze/aversion_distance"),
+)
+TIE, MARGIN, LEARNT = "tie", "margin", "learnt"
+KINDS = {TIE: "ties", MARGIN: "margins", LEARNT: "learnt"}
 ONSET_DROP, ONSET_BOUNDS = "speech_onset/drop", (0.8, 1.2)
 # What a face must show, relative to fitted motion; faces of other clips reach 0.13 and 0.36
 # (docs/results/face_table.md).
@@ -44,7 +51,8 @@ FACE = (("emotion recognised", "emotion_accuracy", 0.6), ("lips closed at p, b a
 class Requirement:
     """A metric with its required bounds; `value` is None if it was not measured, `interval` if it has none.
 
-    `is_tie`: it says that motion follows its sound, a margin only that it is like motion.
+    `kind`: a tie says that motion follows its sound, a margin only that it is like motion, `learnt` that it does so
+    better than a lookup.
     """
 
     name: str
@@ -52,7 +60,7 @@ class Requirement:
     minimum: float = -math.inf
     maximum: float = math.inf
     interval: tuple[float, float] | None = None
-    is_tie: bool = False
+    kind: str = MARGIN
 
     @property
     def is_met(self) -> bool:
@@ -87,18 +95,34 @@ def model_requirements(
     aversions: Mapping[str, Mapping[str, Any]],
     name: str,
 ) -> list[Requirement]:
-    """Margins and ties of one row, on each split. The same list, in the same order, for every row.
+    """Margins and ties of one row on each split, and what it has learnt. The same list, in the same order, for every
+    row.
 
     `aversions` has the aversion.json of each row of the stage `evaluate`.
     """
     found = [each for split in SPLIT_TITLES for each in _of_split(rows, split, name)]
     drop, of_truth = (_benchmark_estimate(benchmarks.get(row, ()), ONSET_DROP) for row in (name, "truth"))
     title = "drop of averted gaze after speech onsets / truth"
-    found.append(_relative(title, drop, of_truth["value"] if of_truth else None, *ONSET_BOUNDS, is_tie=True))
-    own, fitted = (aversions.get(row, {}).get("information") for row in (name, "fitted"))
-    title = "information of speech about averted gaze / fitted motion"
-    found.append(_relative(title, own, max(fitted["value"], 0.0) if fitted else None, *INFORMATION_BOUNDS, is_tie=True))
+    found.append(_relative(title, drop, of_truth["value"] if of_truth else None, *ONSET_BOUNDS, kind=TIE))
+    predictions = {row: aversions.get(row, {}).get("prediction") for row in (name, *LOOKUPS)}
+    found.append(_beyond_lookups("nats a second of true aversions", predictions, name, higher=True))
+    for title, key in LEARNT_DISTANCES:
+        distances = {row: _benchmark_estimate(benchmarks.get(row, ()), key) for row in (name, *LOOKUPS)}
+        found.append(_beyond_lookups(title, distances, name, higher=False))
     return found
+
+
+def _beyond_lookups(
+    title: str, found: Mapping[str, Mapping[str, float] | None], name: str, higher: bool
+) -> Requirement:
+    """How far the whole interval of a row lies beyond the value of the better lookup."""
+    name_of = f"{title}, beyond the better lookup"
+    own, lookups = found[name], [each for row in LOOKUPS if (each := found[row])]
+    if own is None or len(lookups) < len(LOOKUPS):
+        return Requirement(name_of, None, 0.0, kind=LEARNT)
+    values = [each["value"] for each in lookups]
+    beyond = own["low"] - max(values) if higher else min(values) - own["high"]
+    return Requirement(name_of, beyond, 0.0, kind=LEARNT)
 
 
 def critic_requirements(rows: Mapping[str, MethodMetrics]) -> list[Requirement]:
@@ -135,7 +159,7 @@ def _of_split(rows: Mapping[str, MethodMetrics], split: str, name: str) -> list[
     for part, tied in TIED_PARTS.items():
         tie, whole = (metric(each, split, part, "corr_minus_shuffled") for each in (row, fitted))
         title = f"{split}: tie of {tied} to its sound / fitted motion"
-        found.append(_relative(title, tie, whole["value"] if whole else None, MIN_TIE, is_tie=True))
+        found.append(_relative(title, tie, whole["value"] if whole else None, MIN_TIE, kind=TIE))
     return found
 
 
@@ -145,13 +169,13 @@ def _relative(
     unit: float | None,
     minimum: float,
     maximum: float = math.inf,
-    is_tie: bool = False,
+    kind: str = MARGIN,
 ) -> Requirement:
     """A requirement of an estimate in multiples of `unit`."""
     if found is None or not unit:
-        return Requirement(name, None, minimum, maximum, is_tie=is_tie)
+        return Requirement(name, None, minimum, maximum, kind=kind)
     low, high = sorted((found["low"] / unit, found["high"] / unit))
-    return Requirement(name, found["value"] / unit, minimum, maximum, (low, high), is_tie)
+    return Requirement(name, found["value"] / unit, minimum, maximum, (low, high), kind)
 
 
 def to_json(found: Mapping[str, Sequence[Requirement]]) -> dict[str, list[dict[str, object]]]:
@@ -160,7 +184,7 @@ def to_json(found: Mapping[str, Sequence[Requirement]]) -> dict[str, list[dict[s
         name: [
             {
                 "requirement": each.name,
-                "tie": each.is_tie,
+                "kind": each.kind,
                 "bounds": each.bounds,
                 "value": each.value,
                 "interval": each.interval,
@@ -183,29 +207,41 @@ def requirements_table(found: Sequence[Requirement]) -> str:
 
 
 def model_requirements_table(found: Mapping[str, Sequence[Requirement]]) -> str:
-    """Markdown table of the requirements of all rows; bold: missed. The last lines count the ties and margins met."""
+    """Markdown table of the requirements of all rows; bold: missed. The last lines count those of each kind met."""
     columns = list(found.values())
     headings = ["requirement", "bounds", *(TITLES.get(name, name) for name in found)]
     rows = [[line[0].name, line[0].bounds, *map(_cell, line)] for line in zip(*columns, strict=True)]
     met = [
-        [f"**{title}, met**", f"{len(_kind(columns[0], ties))}", *(f"{count_met(column, ties)}" for column in columns)]
-        for title, ties in (("ties", True), ("margins", False))
+        [
+            f"**{title}, met**",
+            f"{len(_of_kind(columns[0], kind))}",
+            *(f"{count_met(column, kind)}" for column in columns),
+        ]
+        for kind, title in KINDS.items()
     ]
     return markdown_table(headings, [*rows, *met])
 
 
-def count_met(found: Sequence[Requirement], ties: bool | None = None) -> int:
-    """Number of requirements met: of the ties, of the margins (False), or of all (None)."""
-    return sum(each.is_met for each in _kind(found, ties))
+def count_met(found: Sequence[Requirement], kind: str | None = None) -> int:
+    """Number of requirements met: of a kind, or of all (None)."""
+    return sum(each.is_met for each in _of_kind(found, kind))
 
 
-def met_of(found: Sequence[Requirement], ties: bool) -> str:
-    """`count_met` of how many, as text."""
-    return f"{count_met(found, ties)} of {len(_kind(found, ties))}"
+def count_by_kind(found: Sequence[Requirement]) -> dict[str, float]:
+    """`requirements_ties` and so on: how many of each kind are met; empty without requirements."""
+    return {f"requirements_{title}": float(count_met(found, kind)) for kind, title in KINDS.items()} if found else {}
 
 
-def _kind(found: Sequence[Requirement], ties: bool | None) -> list[Requirement]:
-    return [each for each in found if ties is None or each.is_tie == ties]
+def met_of(found: Sequence[Requirement], kind: str) -> str:
+    """`count_met` of how many, as text; empty if nothing was looked up to compare with."""
+    wanted = _of_kind(found, kind)
+    if kind == LEARNT and all(each.value is None for each in wanted):
+        return ""
+    return f"{count_met(wanted)} of {len(wanted)}"
+
+
+def _of_kind(found: Sequence[Requirement], kind: str | None) -> list[Requirement]:
+    return [each for each in found if kind is None or each.kind == kind]
 
 
 def _cell(requirement: Requirement) -> str:
@@ -234,8 +270,7 @@ FACE_METRICS = (
     ("face_bilabials_closed", "face", "bilabials_closed"),
 )
 FACE_SHARES = {"emotion_accuracy": "emotion recognised", "bilabials_closed": "lips closed at p, b and m"}
-INFORMATION, AVERSION = "speech, nats/s", "aversion, nats/s"
-TIES_MET, MARGINS_MET = "ties met", "margins met"
+INFORMATION, AVERSION = "speech, nats/s", "aversions, nats/s"
 MAX_MISSED = 4
 
 
@@ -272,23 +307,22 @@ def summary_table(
     required: Mapping[str, Sequence[Requirement]],
     budgets: Mapping[str, str],
 ) -> list[str]:
-    """Its lines on models. `informed`: rows of the stage `information`; `aversions`: what speech tells about averted
-    gaze, of each row; `required`: of each model; `budgets`: the training of each model in words."""
+    """Its lines on models. `informed`: rows of the stage `information`; `aversions`: what each row tells about averted
+    gaze; `required`: of each model; `budgets`: the training of each model in words."""
     gaze = {name: row for name, row in rows.items() if metric(row, SPLIT, "gaze", "speed")}
-    cells = [
-        ["", *([INFORMATION] if informed else []), AVERSION, *(title for title, _, _ in COLUMNS), TIES_MET, MARGINS_MET]
-    ]
+    cells = [["", *([INFORMATION] if informed else []), AVERSION, *(title for title, _, _ in COLUMNS), *KINDS.values()]]
     for name in order_rows(gaze):
         known = information_on_unseen(informed.get(name))
         information = ["" if known is None else f"{known:.2f}"] if informed else []
-        averted = f"{aversions[name]['information']['value']:.3f}" if name in aversions else ""
-        met = [met_of(required[name], ties) for ties in (True, False)]
+        predicted = aversions.get(name, {}).get("prediction")
+        averted = f"{predicted['value']:.3f}" if predicted else ""
+        met = [met_of(required[name], kind) for kind in KINDS]
         cells.append([TITLES.get(name, name), *information, averted, *_figures(rows[name]), *met])
     widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
     table = ["  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])]) for line in cells]
     return [
-        "New speakers (unseen); Diversity and eye speed: ratios to the truth. Of test and unseen:",
-        "aversion, ties (motion follows its sound) and margins (it is like motion, whatever the sound):",
+        "New speakers (unseen); Diversity and eye speed: ratios to the truth. Of test and unseen: true aversions,",
+        "and met of ties (motion follows its sound), margins (it is like motion) and learnt (beyond lookups):",
         "",
         *table,
         *filter(
@@ -312,14 +346,11 @@ def row_metrics(
     """The figures of the summary of one row, which `dvc metrics show` prints as a line."""
     known = information_on_unseen(informed)
     first = {} if known is None else {"information": round(known, 4)}
-    first |= {} if aversion is None else {"aversion_information": round(aversion["information"]["value"], 4)}
+    predicted = (aversion or {}).get("prediction")
+    first |= {"aversion_prediction": round(predicted["value"], 4)} if predicted else {}
     named = [*((f"{part}_{name}", part, name) for _, part, name in COLUMNS), *FACE_METRICS]
     found = {title: metric(row, SPLIT, part, name) for title, part, name in named}
-    met = {
-        "requirements_ties": float(count_met(required, True)),
-        "requirements_margins": float(count_met(required, False)),
-    }
-    return first | {title: round(each["value"], 4) for title, each in found.items() if each} | (met if required else {})
+    return first | {title: round(each["value"], 4) for title, each in found.items() if each} | count_by_kind(required)
 
 
 def _figures(row: MethodMetrics) -> list[str]:
