@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from model_conf import compose
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
@@ -21,7 +22,6 @@ from talkingeyes.evaluation.measures.critic import (
 )
 from talkingeyes.evaluation.measures.motion_encoder import EncoderSettings
 from talkingeyes.models.contrastive_critic import CRITIC_PARTS, Critic, CriticNetworkSettings, part_angles, similarity
-from talkingeyes.orchestration.config import compose
 from talkingeyes.training.loop import LoopSettings, train
 
 FPS = 25.0

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from model_conf import compose
 
 from talkingeyes.animation import face as faces_of
 from talkingeyes.animation.animator import Animator
@@ -21,7 +22,6 @@ from talkingeyes.head.anny import anny_head
 from talkingeyes.head.posing import expression_shape_names
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import FaceStyle, StyleKey, StyleVocabulary
-from talkingeyes.orchestration.config import compose
 from talkingeyes.training.motion_generators import TrainedGenerator
 
 FPS, FRAMES = 25.0, 100

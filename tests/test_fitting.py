@@ -7,6 +7,7 @@ import pytest
 from fitting_scene import CAMERA, FPS, Scene, blink_frames, observe, scene
 from hypothesis import given
 from hypothesis import strategies as st
+from model_conf import compose
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
@@ -31,7 +32,6 @@ from talkingeyes.fitting.smoothing import (
     smooth_version,
 )
 from talkingeyes.head.landmarks import RIGID_LANDMARKS, head_to_scene, motion_landmarks, rest_landmarks
-from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology import saccades as law
 
 SMALL = st.floats(-0.6, 0.6)

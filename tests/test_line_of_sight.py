@@ -13,6 +13,7 @@ import av
 import numpy as np
 import pytest
 from jaxtyping import Float
+from model_conf import compose
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 from toy_model import sound_file, toy_model
@@ -32,7 +33,6 @@ from talkingeyes.head.eyeball import APEX_M
 from talkingeyes.head.eyelid.gaze_controller import homogeneous
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
-from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology.vergence import HALF_INTERPUPILLARY_M
 from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.tracking.settings import TrackSettings

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from model_conf import compose
 from pydantic import ValidationError
 
 from talkingeyes.core import rotation
@@ -16,7 +17,6 @@ from talkingeyes.head.landmarks import EYE_CENTRES, rest_landmarks
 from talkingeyes.head.observation import Observation
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
-from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology.face import FACE_SHAPES
 from talkingeyes.synthesis import corruptions, detector_noise
 from talkingeyes.synthesis.detector_noise import NoiseSettings

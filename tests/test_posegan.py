@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from model_conf import model_section
+from model_conf import compose, model_section
 from toy import clip
 
 from pipelines.results.talking_face import talking_face
@@ -52,7 +52,6 @@ from talkingeyes.head.sag import FaceSurface
 from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.models.head.discriminator import Discriminator, DiscriminatorContext, DiscriminatorSettings
 from talkingeyes.models.head.pose_generator import PoseInputs
-from talkingeyes.orchestration.config import compose
 from talkingeyes.training.checkpoint import load, save
 from talkingeyes.training.loop import AdversarialTask, LoopSettings, train
 from talkingeyes.training.motion_generators import (

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from model_conf import compose
 from toy_corpus import make_tiny_corpus
 
 from pipelines import synthesize
@@ -17,7 +18,7 @@ from talkingeyes.audio.annotation import EMOTIONS
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import SPLITS
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.orchestration.config import compose, write_params
+from talkingeyes.orchestration.config import write_params
 from talkingeyes.orchestration.run import Workspace
 from talkingeyes.synthesis import plan
 from talkingeyes.synthesis.plan import SynthesizeSettings
