@@ -21,13 +21,13 @@ import numpy as np
 import pytest
 import soundfile
 import toy_motions
+from command_line import call
 from face_files import LAYOUTS, is_eye
 from scipy.spatial.transform import Rotation
 from toy_model import sound_file, toy_model
 
 import talkingeyes as te
 from talkingeyes.animation.line_of_sight import to_forward_axes
-from talkingeyes.cli import main as cli
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
@@ -559,20 +559,13 @@ def test_blend_mixes_the_eyes_of_both(place: Path, tmp_path: Path, layout: str) 
 # The command line, and mistakes.
 
 
-def call(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["talkingeyes", *words])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    return int(left.value.code or 0)
-
-
 def test_the_command_says_what_it_wrote(
     place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(place)
     out = str(tmp_path / "out.json")
     words = ["add-eyes", "a2f.json", "speech.wav", "-o", out, "--model", "model", "--seed", "2"]
-    assert call(monkeypatch, *words) == 0
+    assert call(*words) == 0
     said = capsys.readouterr()
     assert said.out.startswith(f"{out}: arkit, 2.50 s at 30 fps, ")
     assert said.err.splitlines() == [
@@ -580,11 +573,11 @@ def test_the_command_says_what_it_wrote(
         f"{out}: note: no place for the head in the file: the eyes move in a still head",
     ]
     first = Path(out).read_bytes()
-    assert call(monkeypatch, *words) == 2
+    assert call(*words) == 2
     assert "--force" in capsys.readouterr().err
-    assert call(monkeypatch, *words, "--force") == 0
+    assert call(*words, "--force") == 0
     assert Path(out).read_bytes() == first
-    assert call(monkeypatch, *words, "--force", "--eye-contact", "1", "--person", "nobody") == 2
+    assert call(*words, "--force", "--eye-contact", "1", "--person", "nobody") == 2
     assert Path(out).read_bytes() == first
 
 
@@ -651,18 +644,18 @@ def test_bad_input_is_one_line_and_writes_nothing(
 
 
 def test_what_is_reported_is_counted_in_the_written_file(
-    place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["add-eyes", str(place / "take.csv"), str(place / "speech.wav"), "--model", str(place / "model")]
     words += ["--seed", "2", "-o"]
-    assert call(monkeypatch, *words, str(tmp_path / "whole.csv")) == 0
+    assert call(*words, str(tmp_path / "whole.csv")) == 0
     found = detect_events(read_motion(tmp_path / "whole.csv").motion)
     assert found.blinks
     said = capsys.readouterr().out
     assert said.endswith(
         f"3.00 s at 60 fps, {len(found.saccades)} saccades, {len(found.blinks)} blinks by {place / 'model'}\n"
     )
-    assert call(monkeypatch, *words, str(tmp_path / "own.csv"), "--blend", "0") == 0  # the eyes of the file are still
+    assert call(*words, str(tmp_path / "own.csv"), "--blend", "0") == 0  # the eyes of the file are still
     assert capsys.readouterr().out.endswith(f" 0 blinks by {place / 'model'}\n")
 
 

@@ -15,8 +15,8 @@ from itertools import groupby
 from pathlib import Path
 
 import pytest
-import typer
 import yaml
+from command_line import get_command
 from docs_pages import PAGES, REPOSITORY, lines, name_of
 
 from talkingeyes.cli import main as cli
@@ -72,7 +72,7 @@ def checked(command: str) -> str | None:
 
 
 def _talkingeyes(words: list[str]) -> str | None:
-    command = typer.main.get_command(cli.app)
+    command = get_command(cli.app)
     try:
         while hasattr(command, "commands"):
             command, words = command.commands[words[0]], words[1:]
