@@ -28,6 +28,7 @@ from talkingeyes.workflows.animate import AnimationOptions
 from talkingeyes.workflows.animate_batch import animate_all, derive_seed
 
 ORDER = AnimationOptions(samples=1, seed=4, previews=False)
+pytestmark = pytest.mark.usefixtures("models_loaded_once")
 
 
 @pytest.fixture

@@ -38,7 +38,7 @@ from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.workflows.animate import load_performer
 
-SEEDS = 6
+SEEDS = 4
 FPS = 25.0
 TRACK = StateTrack(
     (Span(0.0, 7.0, "speaking"), Span(7.0, 15.0, "listening"), Span(15.0, 22.5, "thinking"), Span(22.5, 30.0, "idle"))

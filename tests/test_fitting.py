@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fitting_scene import CAMERA, FPS, Scene, blink_frames, observe, scene
+from fitting_scene import CAMERA, FPS, Scene, observe, scene
 from hypothesis import given
 from hypothesis import strategies as st
 from model_conf import compose
@@ -251,18 +251,6 @@ def test_effect_of_symmetry_term_depends_on_pupil_unit(settings: FitSettings, un
 def test_landmarks_of_another_list_are_refused(settings: FitSettings):
     with pytest.raises(InputError, match="got 68"):
         head_pose(np.zeros((5, 68, 2)), CAMERA, settings.head_pose, rest_landmarks())
-
-
-def test_frames_do_not_influence_each_other(settings: FitSettings):
-    observations = sight_of(scene(3, frames=30))
-    together = solve_newton(observations, settings.lightgazefit)
-    for t in range(0, 30, 7):
-        one = PupilObservations(
-            observations.pupils[t : t + 1], observations.head[t : t + 1], observations.translation[t : t + 1], CAMERA
-        )
-        alone = solve_newton(one, settings.lightgazefit)
-        np.testing.assert_allclose(alone.gaze[0], together.gaze[t], atol=1e-3)
-        np.testing.assert_allclose(alone.objective[0], together.objective[t], rtol=1e-3, atol=1e-12)
 
 
 def test_hidden_eye_follows_the_other_and_hidden_frames_are_ignored(settings: FitSettings):
@@ -578,13 +566,6 @@ def test_head_error_is_an_angle():
     gaze = np.zeros((2, 2, 3))
     error = head_error(Motion.of(FPS, head, gaze), Motion.of(FPS, other, gaze))
     assert error == pytest.approx([0.2, 0.0], abs=1e-6)
-
-
-def test_blinking_frames_of_the_scene_have_hidden_pupils():
-    known = scene(12)
-    hidden = ~np.isfinite(known.observation.pupils).all(axis=(1, 2))
-    assert hidden.any()
-    assert not (hidden & ~blink_frames(known)).any()
 
 
 def test_invalid_smoothing_settings_are_errors():
