@@ -12,7 +12,6 @@ from toy_model import sound_file, toy_model
 
 from talkingeyes.cli.main import COMMANDS
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.motion import Motion
 from talkingeyes.formats.readers.read_motion import read_motion
 from talkingeyes.workflows import convert
 
@@ -166,7 +165,3 @@ def test_damaged_files_are_read_or_one_line_errors(tmp_path: Path, format: str) 
 def test_all_commands_are_covered() -> None:
     tried = {words.split()[0] for words, _ in CASES if words}
     assert set(COMMANDS) - tried <= {"serve"}  # which reports errors over its connection (test_service)
-
-
-def test_edited_valid_file_is_read(place: Path) -> None:
-    assert Motion.load(place / "good.npz").seconds == 1.0  # the cases above changed nothing
