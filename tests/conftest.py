@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -52,3 +53,21 @@ def tiny(repository: Path, shared_folder: Path) -> Path:
             ended = subprocess.run(command, cwd=repository, capture_output=True, text=True, check=False, timeout=550)
             assert ended.returncode == 0, ended.stderr[-4000:]
     return root
+
+
+@pytest.fixture(scope="module")
+def models_loaded_once() -> Iterator[None]:
+    """Load each model, with the packaged face that a toy model gets, once for all tests of a file."""
+    from talkingeyes.animation.animator import Animator  # not before jaxtyping checks what is imported
+
+    load, loaded = Animator.load, dict[Path, Animator]()
+
+    def load_once(model: Path) -> Animator:
+        place = model.resolve()
+        if place not in loaded:
+            loaded[place] = load(model)
+        return loaded[place]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Animator, "load", load_once)
+        yield

@@ -4,15 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from toy import recordings
 
 from talkingeyes.animation.animator import Animator
 from talkingeyes.animation.blink_sampling import shut_frames
-from talkingeyes.animation.context import sample_seeds
 from talkingeyes.animation.controls import Controls
 from talkingeyes.animation.gaze_trajectory import hold_frames
 from talkingeyes.animation.saccade_resampling import resample
-from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.kinematics import gaze_in_space_speed_deg_s
 from talkingeyes.core.motion import Blink, Saccade
@@ -65,10 +62,6 @@ def test_a_saccade_that_turns_back_is_two() -> None:
     assert back.onset_s >= 4 / 25.0
 
 
-def test_still_gaze_has_no_saccade() -> None:
-    assert find_saccades(np.zeros((100, 2)), 25.0) == ()
-
-
 @pytest.mark.parametrize("amplitude_deg", [5.0, 10.0, 20.0])
 def test_resampled_saccades_keep_the_main_sequence_and_linear_ones_do_not(amplitude_deg: float) -> None:
     _, space = scene([0.513, 1.294, 2.01, 3.377], amplitude_deg, 25.0)
@@ -81,16 +74,6 @@ def test_resampled_saccades_keep_the_main_sequence_and_linear_ones_do_not(amplit
     assert 0.85 * law < peak < 1.1 * law
     linear = np.degrees(np.abs(np.diff(space[:, 0])).max() * 25)
     assert linear < 0.95 * peak
-
-
-def test_resampling_to_the_same_rate_changes_little() -> None:
-    clip = recordings(1, seed=1)[0]
-    space = rotation.gaze_in_space(clip.head, clip.gaze)
-    out = resample(clip.head, space, find_saccades(space.mean(1), 25.0), 25.0, 25.0)
-    np.testing.assert_allclose(out.head, clip.head, atol=1e-6)
-    still = np.abs(np.diff(space, axis=0)).max((1, 2)) < 1e-6
-    quiet = np.flatnonzero(still[1:] & still[:-1]) + 1
-    np.testing.assert_allclose(rotation.gaze_in_space(out.head, out.gaze)[quiet], space[quiet], atol=0.02)
 
 
 def test_one_frame_can_be_resampled() -> None:
@@ -167,11 +150,3 @@ def test_blinks_follow_phrase_ends_except_in_profile_paper() -> None:
 def test_unknown_profile_is_one_line_error() -> None:
     with pytest.raises(InputError, match="one of paper, physiological, got often"):
         PERFORMER.perform(SOUND, 1, 0, 25.0, Controls(blinks="often"))
-
-
-def test_sample_does_not_depend_on_number_of_samples() -> None:
-    assert sample_seeds(4, 10)[:3] == sample_seeds(4, 3)
-    assert len(set(sample_seeds(4, 100))) == 100
-    one, many = PERFORMER.perform(SOUND, 1, 4, 25.0), PERFORMER.perform(SOUND, 3, 4, 25.0)
-    np.testing.assert_array_equal(one[0].motion.head, many[0].motion.head)
-    assert one[0].events == many[0].events

@@ -132,12 +132,6 @@ def test_other_channels_are_mixed(tmp_path: Path, channels: list[float]) -> None
     np.testing.assert_allclose(read_speech(tmp_path / "a.wav"), sound.mean(axis=1), atol=1e-6)
 
 
-def test_stereo_is_mixed(tmp_path: Path) -> None:
-    left, right = tone(16_000, hz=300), tone(16_000, hz=500)
-    soundfile.write(tmp_path / "a.wav", np.stack([left, right], axis=1), 16_000, subtype="FLOAT")
-    np.testing.assert_allclose(read_speech(tmp_path / "a.wav"), (left + right) / 2, atol=1e-6)
-
-
 def _write(samples: np.ndarray, rate: int = 16_000) -> Callable[[Path], object]:
     return lambda path: soundfile.write(path, samples, rate, format="WAV", subtype="FLOAT")
 

@@ -6,13 +6,13 @@ import csv
 import hashlib
 import json
 import math
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import soundfile
+from command_line import call
 from toy_model import sound_file, toy_model
 
 import talkingeyes
@@ -21,7 +21,6 @@ from talkingeyes.animation.conversation_states import StateTrack
 from talkingeyes.animation.targets import constant_target
 from talkingeyes.audio.annotation import Span
 from talkingeyes.audio.waveform import read_speech
-from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.workflows import animate as animation
@@ -29,6 +28,7 @@ from talkingeyes.workflows.animate import AnimationOptions
 from talkingeyes.workflows.animate_batch import animate_all, derive_seed
 
 ORDER = AnimationOptions(samples=1, seed=4, previews=False)
+pytestmark = pytest.mark.usefixtures("models_loaded_once")
 
 
 @pytest.fixture
@@ -127,17 +127,10 @@ def test_changed_options_are_not_taken_as_finished(place: Path, change: dict[str
     assert [line.status for line in animate_all(["lines/a.wav"], "out", changed, force=True)] == ["done"]
 
 
-def test_failures_do_not_stop_the_others(
-    place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_failures_do_not_stop_the_others(place: Path, capfd: pytest.CaptureFixture[str]) -> None:
     soundfile.write(place / "lines" / "b.wav", np.zeros(16_000), 16_000)
     (place / "lines" / "d.wav").write_bytes(b"no sound")
-    monkeypatch.setattr(
-        sys, "argv", ["talkingeyes", "animate", "lines", "-o", "out", "--samples", "1", "--no-previews"]
-    )
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    assert left.value.code == 2
+    assert call("animate", "lines", "-o", "out", "--samples", "1", "--no-previews") == 2
     said = capfd.readouterr()
     assert said.out == "out: 2 done, 2 failed; head and gaze: data/train/talkingeyes_events, face: packaged\n"
     assert "error: 2 of 4 failed (out/summary.csv); the first: lines/b.wav: silent" in said.err

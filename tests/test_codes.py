@@ -10,7 +10,6 @@ import torch
 from talkingeyes.models.layers.conditional_vae import DiagonalGaussian, free_bits_kl
 from talkingeyes.models.layers.elementwise import ElementwiseQuantiser, ElementwiseQuantiserSettings
 from talkingeyes.models.layers.gradient_quantiser import GradientQuantiser, GradientQuantiserSettings
-from talkingeyes.models.layers.schedules import set_trained_steps
 
 
 def test_a_codebook_by_gradient_approaches_its_latents_alone() -> None:
@@ -61,14 +60,3 @@ def test_free_bits_are_free_and_excess_costs_are_unchanged() -> None:
     assert (mean.grad[..., 1] > 0).all()
     empty = DiagonalGaussian(torch.zeros(3, 4, 2), torch.zeros(3, 4, 2))
     assert float(free_bits_kl(empty.divergence_per_dim(), 0.25)) == pytest.approx(0.25 * math.log(2))
-
-
-def test_all_scheduled_parts_get_the_step() -> None:
-    class Part(torch.nn.Module):
-        def __init__(self) -> None:
-            super().__init__()
-            self.trained_steps = 0
-
-    network = torch.nn.Sequential(Part(), torch.nn.Sequential(Part()), torch.nn.ReLU())
-    set_trained_steps(network, 7)
-    assert [each.trained_steps for each in network.modules() if isinstance(each, Part)] == [7, 7]

@@ -12,6 +12,7 @@ from model_conf import MODEL_NAMES, model_section
 from test_contract import CHANNELS, batch, codebook
 from test_posegan import HEADS, normaliser, task
 
+from talkingeyes.core.errors import InputError
 from talkingeyes.models.gaze.generator import GAZE_GENERATORS
 from talkingeyes.models.head.generator import HEAD_GENERATORS
 from talkingeyes.models.head.pose_generator import POSE_GENERATORS
@@ -105,7 +106,7 @@ def test_one_after_the_other(head: str, gazes: dict[str, Path], tmp_path: Path) 
     one = task(head)
     (tmp_path / "head").mkdir()
     save(tmp_path / "head", one.module.state_dict(), pose_config(one.settings, normaliser(), one.module))
-    speech = np.random.default_rng(0).standard_normal((60, CHANNELS)).astype(np.float32)
+    speech = np.random.default_rng(0).standard_normal((24, CHANNELS)).astype(np.float32)
     alone = load_generator(tmp_path / "head").generate(speech, [1, 2], 25.0)
     for gaze, folder in gazes.items():
         node = model_section("head_then_gaze") | {"source_models": [head, gaze]}
@@ -115,6 +116,10 @@ def test_one_after_the_other(head: str, gazes: dict[str, Path], tmp_path: Path) 
         )
         both = load_generator(tmp_path / "both").generate(speech, [1, 2], 25.0)
         np.testing.assert_array_equal(both.head, alone.head)
-        assert both.gaze.shape == (2, 60, 2, 3)
+        assert both.gaze.shape == (2, 24, 2, 3)
         assert np.isfinite(both.gaze).all()
         assert np.abs(both.gaze).max() > 1e-4
+    with pytest.raises(InputError, match="speech_to_motion"):
+        save_head_then_gaze(
+            tmp_path / "both", HeadThenGazeSettings.model_validate(node), load(folder), load(tmp_path / "head")
+        )

@@ -162,15 +162,6 @@ def test_emotions_change_style_by_intensity(styles):
         assert 0.0 < emotional_style(style, emotion, 1.2).partner_gaze_listening < 1.0
 
 
-def test_anger_moves_the_head_more_than_sadness(annotation, styles):
-    def spread(emotion):
-        mood = replace(annotation, emotion=emotion, intensity=3)
-        takes = [sample_take(mood, style, SECONDS, np.random.default_rng(1), PHYSIOLOGICAL) for style in styles[:3]]
-        return np.mean([take.motion(10.0, int(10 * SECONDS)).head.std(axis=0).mean() for take in takes])
-
-    assert spread("angry") > 1.2 * spread("sad")
-
-
 def test_vergence_is_set_for_partner_and_farther_targets(annotation, styles):
     take = sample_take(annotation, styles[0], SECONDS, np.random.default_rng(3), PHYSIOLOGICAL)
     onsets = [each.onset_s for each in take.events.vergence_movements]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from model_conf import compose
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
@@ -20,8 +21,7 @@ from talkingeyes.evaluation.measures.critic import (
     split_speakers,
 )
 from talkingeyes.evaluation.measures.motion_encoder import EncoderSettings
-from talkingeyes.models.contrastive_critic import CRITIC_PARTS, Critic, CriticNetworkSettings, part_angles, similarity
-from talkingeyes.orchestration.config import compose
+from talkingeyes.models.contrastive_critic import CRITIC_PARTS, Critic, CriticNetworkSettings, part_angles
 from talkingeyes.training.loop import LoopSettings, train
 
 FPS = 25.0
@@ -129,12 +129,6 @@ def test_corr_is_cosine_invariant_to_posture_and_batching(part: str) -> None:
     if part != "gaze_in_space":
         assert corr(speech, head + 0.2, gaze - 0.1) == pytest.approx(values, abs=1e-5)
     assert corr(speech[:150], head[:, :150], gaze[:, :150]).shape == (4,)
-
-
-def test_similarity_is_the_cosine_of_every_pair() -> None:
-    one, other = torch.randn(3, 5, 4), torch.randn(2, 5, 4)
-    expected = torch.cosine_similarity(one.flatten(1)[:, None], other.flatten(1)[None], dim=-1)
-    assert torch.allclose(similarity(one, other), expected, atol=1e-6)
 
 
 def test_gaze_in_space_is_invariant_to_counter_rotation() -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy import signal
 
 from talkingeyes.core.energy_score import energy_score
@@ -34,20 +32,6 @@ def test_frechet_of_commuting_gaussians_by_hand() -> None:
     other = Gaussian(np.array([0.0, 2.0]), np.diag([1.0, 9.0]))
     assert frechet(one, other) == pytest.approx(1 + 4 + (2 - 1) ** 2 + (1 - 3) ** 2)
     assert frechet(one, one) == pytest.approx(0, abs=1e-9)
-
-
-def gaussian_of(features: np.ndarray) -> Gaussian:
-    """Mean and covariance of windows."""
-    return Gaussian(features.mean(axis=0), np.cov(features.T, bias=True))
-
-
-@given(st.integers(0, 1000))
-def test_frechet_is_symmetric_and_rotation_invariant(seed: int) -> None:
-    one, other = (gaussian_of(normal(seed + k, 40, 4) @ normal(seed + 9 + k, 4, 4)) for k in (0, 1))
-    turn = np.linalg.qr(normal(seed + 5, 4, 4))[0]
-    turned = [Gaussian(turn @ each.mean, turn @ each.covariance @ turn.T) for each in (one, other)]
-    assert frechet(one, other) == pytest.approx(frechet(other, one), rel=1e-6)
-    assert frechet(*turned) == pytest.approx(frechet(one, other), rel=1e-6)
 
 
 def clustered(seed: int, clips: int, shift: float = 0.0, own: float = 1.0) -> list[np.ndarray]:
@@ -104,21 +88,6 @@ def test_energy_score_by_hand_and_against_the_integral_of_crps() -> None:
     drawn = normal(0, 4000, 1)
     expected = np.mean(np.sqrt(2 / np.pi) - 1 / np.sqrt(np.pi))  # the CRPS of N(0, 1) at 0 is 0.2337
     assert energy_score(drawn[:2000], np.zeros(1)) == pytest.approx(expected, abs=0.02)
-
-
-def test_energy_score_is_best_for_the_true_distribution() -> None:
-    truth = normal(1, 3000, 2)
-    score = {
-        name: energy_score(samples, truth).mean()
-        for name, samples in {
-            "right": normal(2, 10, 3000, 2),
-            "mean": np.zeros((10, 3000, 2)),
-            "narrow": normal(2, 10, 3000, 2) * 0.5,
-            "wide": normal(2, 10, 3000, 2) * 2,
-            "shifted": normal(2, 10, 3000, 2) + 0.7,
-        }.items()
-    }
-    assert min(score, key=lambda name: score[name]) == "right"
 
 
 def test_windowed_energy_score_penalises_frozen_samples() -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 from docs_pages import PAGES, REPOSITORY, lines, name_of, unread_commands
-from docs_program import SUBSTITUTIONS, shortened
 from docs_project import RESTORE, copy_project, run_bash
 
 # Commands that cannot run on test machines: they need other programs, other machines, a GPU or recordings of people.
@@ -76,40 +75,3 @@ def test_commands_that_are_not_run_are_in_the_docs_and_listed() -> None:
 def test_no_block_hides_commands_from_these_tests() -> None:
     pages = [*PAGES, REPOSITORY / "CONTRIBUTING.md"]
     assert {name_of(page): hidden for page in pages if (hidden := unread_commands(page.read_text()))} == {}
-
-
-def test_hidden_commands_are_detected(tmp_path: Path) -> None:
-    command = "python -m pipelines.experiment train.seed=1"
-    for hidden in (command, f"# first\nA=1 {command}", "make repro", "  talkingeyes serve &", "dvc repro", "mlflow ui"):
-        for language in ("", "text", "bash", "console"):
-            assert unread_commands(f"text\n\n```{language}\n{hidden}\n```\n"), (language, hidden)
-    page = tmp_path / "page.md"
-    page.write_text(
-        f"```sh\n{command}\n```\n\n```console\n$ make repro\nmakes all\n```\n\n    dvc dag\n\n    make [OPTIONS]\n"
-    )
-    assert unread_commands(page.read_text()) == []
-    assert lines(page) == [command, "make repro", "dvc dag"]
-
-
-def test_a_command_that_fails_is_named(tmp_path: Path) -> None:
-    """A failing command anywhere, also in a pipe or a substitution, fails the page; later lines are not run."""
-    for wrong in ("false", "no_such_program x", "false | cat", "A=$(false)", "cp NO_FILE there"):
-        said = run_bash(f"echo before\n{wrong}\necho after", tmp_path)
-        assert said.returncode != 0, wrong
-        assert "failed: " in said.stderr
-        assert said.stdout == "before\n"
-
-
-def test_reduced_settings_match_commands_of_the_docs() -> None:
-    assert shortened("python -m pipelines.experiment train.seed=1").endswith(
-        "train.seed=1 experiment=tiny workspace=build/experiment"
-    )
-    assert shortened("python -m pipelines.experiment -m sweep=free_running").endswith(
-        "experiment=smoke_test hydra.sweeper.n_trials=2"
-    )
-    for line in (
-        "talkingeyes animate SPEECH.wav -o out --samples 2",
-        "python -m pipelines.experiment experiment=tiny train.seed=1",
-    ):
-        assert shortened(line) == line
-    assert len(SUBSTITUTIONS) == 19

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from model_conf import compose
 
 from pipelines import embed
 from talkingeyes.audio.annotation import Annotation
@@ -16,7 +17,6 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Workspace
 
 SECTION = {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +11,10 @@ import av
 import numpy as np
 import pytest
 import toy_motions
+from command_line import call
 
 from talkingeyes.animation.event_keys import apply_key_edits, load_keys, save_keys
 from talkingeyes.animation.motion_resampling import resample_motion
-from talkingeyes.cli import main as cli
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
@@ -114,12 +113,9 @@ def test_render_uses_edited_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert [key["onset_s"] for key in content["blinks"]] == [0.8]
     content["blinks"] = [{"onset_s": 0.04}]
     (tmp_path / "a.keys.json").write_text(json.dumps(content))
-    words = ["talkingeyes", "render", "a.npz", "--size", "64", "--camera", "eyes", "-o"]
+    words = ["render", "a.npz", "--size", "64", "--camera", "eyes", "-o"]
     for name, more in (("plain.mp4", []), ("edited.mp4", ["--keys", "a.keys.json"])):
-        monkeypatch.setattr(sys, "argv", [*words, name, *more])
-        with pytest.raises(SystemExit) as left:
-            cli.main()
-        assert not left.value.code
+        assert call(*words, name, *more) == 0
     plain, blinked = (pictures(tmp_path / name) for name in ("plain.mp4", "edited.mp4"))
     apart = np.abs(plain - blinked).mean(axis=(1, 2))
     between = np.median(apart[8:20])  # these frames differ only by compression artefacts

@@ -7,8 +7,8 @@ from typing import Any
 import flame_file
 import numpy as np
 import pytest
+from command_line import call
 
-from talkingeyes.cli.main import main
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import angles_to_gaze
@@ -112,18 +112,12 @@ def test_errors_name_the_line(content: dict[str, Any], tmp_path: Path, change: A
     assert "\n" not in str(caught.value)
 
 
-def test_what_is_no_file_of_labels_or_no_model_is_a_one_line_error(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_what_is_no_file_of_labels_or_no_model_is_a_one_line_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / "labels.json").write_text('{"schema": 1,\n"cameras": [}')
     with pytest.raises(InputError, match=r"labels\.json:2: not JSON"):
         load_labels(tmp_path / "labels.json")
     np.savez(tmp_path / "other.npz", left_rest=np.zeros(3))
-    monkeypatch.setattr("sys.argv", ["talkingeyes", "head", "-o", str(tmp_path / "a.png"), "--eyelid",
-                                     str(tmp_path / "other.npz")])  # fmt: skip
-    with pytest.raises(SystemExit) as stopped:
-        main()
-    assert stopped.value.code == 2
+    assert call("head", "-o", str(tmp_path / "a.png"), "--eyelid", str(tmp_path / "other.npz")) == 2
     assert "should be a model of `talkingeyes eyelid fit`" in capsys.readouterr().err
     assert not (tmp_path / "a.png").exists()
     with pytest.raises(InputError, match="should be a model of `talkingeyes eyelid fit`"):

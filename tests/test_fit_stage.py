@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fitting_scene import FPS, scene
+from model_conf import compose
 
 from pipelines import fit as stage
 from talkingeyes.audio.annotation import Annotation
@@ -17,7 +18,6 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.fitting.motion_style import load_speakers
-from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Workspace
 
 GOOD, BAD = 3, 1

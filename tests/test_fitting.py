@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fitting_scene import CAMERA, FPS, Scene, blink_frames, observe, scene
+from fitting_scene import CAMERA, FPS, Scene, observe, scene
 from hypothesis import given
 from hypothesis import strategies as st
+from model_conf import compose
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
@@ -24,14 +25,12 @@ from talkingeyes.fitting.head_pose import head_pose
 from talkingeyes.fitting.lightgazefit import PupilObservations, direction_and_jacobian, fit_gaze, ray_gaze, solve_newton
 from talkingeyes.fitting.smoothing import (
     ConvolutionSettings,
-    PiecewiseConstantSettings,
     convolve_motion,
     find_bursts,
     smooth_gaze,
     smooth_version,
 )
 from talkingeyes.head.landmarks import RIGID_LANDMARKS, head_to_scene, motion_landmarks, rest_landmarks
-from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology import saccades as law
 
 SMALL = st.floats(-0.6, 0.6)
@@ -70,17 +69,6 @@ def test_exact_pupils_give_the_true_gaze(settings: FitSettings):
     found = solve_newton(sight_of(known), settings.lightgazefit).gaze
     np.testing.assert_allclose(gaze_to_angles(found), gaze_to_angles(known.motion.gaze), atol=1e-4)
     np.testing.assert_allclose(ray_gaze(sight_of(known)), known.motion.gaze, atol=1e-9)
-
-
-def test_left_eye_alone_moves_only_left(settings: FitSettings):
-    gaze = np.zeros((1, 2, 3))
-    gaze[0, 0] = [0.0, 0.2, 0.0]
-    turned = observe(Motion.of(FPS, np.zeros((1, 3)), gaze), np.random.default_rng(0), 0.0)
-    found = solve_newton(
-        PupilObservations(turned.pupils, np.zeros((1, 3)), np.zeros((1, 3)), CAMERA), settings.lightgazefit
-    ).gaze
-    yaw = gaze_to_angles(found)[0, :, 0]
-    assert yaw == pytest.approx([0.2, 0.0], abs=1e-3)
 
 
 def test_listings_law_leaves_no_torsion_and_meets_the_pupils(settings: FitSettings):
@@ -251,18 +239,6 @@ def test_effect_of_symmetry_term_depends_on_pupil_unit(settings: FitSettings, un
 def test_landmarks_of_another_list_are_refused(settings: FitSettings):
     with pytest.raises(InputError, match="got 68"):
         head_pose(np.zeros((5, 68, 2)), CAMERA, settings.head_pose, rest_landmarks())
-
-
-def test_frames_do_not_influence_each_other(settings: FitSettings):
-    observations = sight_of(scene(3, frames=30))
-    together = solve_newton(observations, settings.lightgazefit)
-    for t in range(0, 30, 7):
-        one = PupilObservations(
-            observations.pupils[t : t + 1], observations.head[t : t + 1], observations.translation[t : t + 1], CAMERA
-        )
-        alone = solve_newton(one, settings.lightgazefit)
-        np.testing.assert_allclose(alone.gaze[0], together.gaze[t], atol=1e-3)
-        np.testing.assert_allclose(alone.objective[0], together.objective[t], rtol=1e-3, atol=1e-12)
 
 
 def test_hidden_eye_follows_the_other_and_hidden_frames_are_ignored(settings: FitSettings):
@@ -444,17 +420,6 @@ def test_saccades_are_fitted_with_true_speed(settings: FitSettings):
     assert np.mean(fitted) / np.mean(true) == pytest.approx(1.0, abs=0.08)
 
 
-def test_smoothing_removes_noise_and_keeps_peaks(settings: FitSettings):
-    rng = np.random.default_rng(2)
-    space = np.zeros((200, 2, 2))
-    space[100:, :, 0] = np.radians(2.0)  # takes 28 ms: one step between frames
-    noisy = space + np.radians(0.2) * rng.normal(size=space.shape)
-    smooth = smooth_gaze(noisy, np.ones((200, 2), bool), FPS, settings.smoothing)
-    speed = np.abs(np.diff(smooth[:, 0, 0]))
-    assert speed[:90].mean() < 0.4 * np.abs(np.diff(noisy[:90, 0, 0])).mean()
-    assert speed.max() / np.radians(2.0) > 0.8
-
-
 @given(st.lists(st.booleans(), min_size=1, max_size=30))
 def test_gaps_are_bridged_and_held(flags: list[bool]):
     known = np.array(flags)
@@ -491,16 +456,6 @@ def test_noisy_scenes_are_within_ranges_of_table_8(settings: FitSettings):
     assert found.precision > 0.9
     assert found.recall > 0.9
     assert np.degrees(np.mean([v.head_error_rad for v in evaluations])) < 0.3
-
-
-def test_without_truth_there_is_no_error_but_a_speed(settings: FitSettings):
-    known = scene(8)
-    fit = fit_clip(known.observation, settings)
-    evaluation = evaluate_fit(known.observation, fit, None, settings, by_adam=False)
-    assert set(evaluation.error_sums_by_method) == {"lightgazefit", "per_frame"}
-    assert evaluation.error_sums_by_method["lightgazefit"].truth_distances == 0
-    assert evaluation.error_sums_by_method["lightgazefit"].speed_px_s > 0
-    assert evaluation.match is None
 
 
 def test_speed_is_that_of_the_eye_alone():
@@ -578,15 +533,3 @@ def test_head_error_is_an_angle():
     gaze = np.zeros((2, 2, 3))
     error = head_error(Motion.of(FPS, head, gaze), Motion.of(FPS, other, gaze))
     assert error == pytest.approx([0.2, 0.0], abs=1e-6)
-
-
-def test_blinking_frames_of_the_scene_have_hidden_pupils():
-    known = scene(12)
-    hidden = ~np.isfinite(known.observation.pupils).all(axis=(1, 2))
-    assert hidden.any()
-    assert not (hidden & ~blink_frames(known)).any()
-
-
-def test_invalid_smoothing_settings_are_errors():
-    with pytest.raises(ValueError, match="step_cost"):
-        PiecewiseConstantSettings.model_validate({**compose()["fit"]["smoothing"], "step_cost": -1})

@@ -5,16 +5,15 @@ from __future__ import annotations
 import io
 import pickle
 import re
-import sys
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 import toy_motions
+from command_line import call
 
 from talkingeyes.animation.line_of_sight import from_forward_axes
-from talkingeyes.cli import main as cli
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
@@ -101,16 +100,14 @@ def test_frames_that_are_missing_are_not_valid(tmp_path: Path) -> None:
         read_motion(tmp_path / "tenths", 25.0)
 
 
-def test_import_tells_frames_from_motions(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_import_tells_frames_from_motions(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     frames(tmp_path / "frames", "{:05d}.npz", list(range(30)))
     (tmp_path / "motions").mkdir()
     for number in range(2):
         np.savez(tmp_path / "motions" / f"take_{number}.npz", jaw_pose=small(30, 3), fps=30.0)
     for folder, names in (("frames", ["frames"]), ("motions", ["take_0", "take_1"])):
         out = tmp_path / f"{folder}_out"
-        assert call(monkeypatch, "import", str(tmp_path / folder), "-o", str(out), "--fps", "30") == 0
+        assert call("import", str(tmp_path / folder), "-o", str(out), "--fps", "30") == 0
         assert capfd.readouterr().out.splitlines() == [f"{name}: flame, 1.00 s at 30 fps" for name in names]
         assert sorted(path.stem for path in out.iterdir()) == names
     with pytest.raises(InputError, match="`talkingeyes import` converts files of others"):
@@ -427,13 +424,6 @@ def test_implausible_eyes_are_noted(tmp_path: Path) -> None:
     assert "left eye looks 22.9 degrees left of the right one" in read_motion(tmp_path / "a.npz", 25.0).notes[0]
 
 
-def call(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["talkingeyes", *words])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    return int(left.value.code or 0)
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -461,20 +451,18 @@ def test_bad_input_is_one_line_error_and_writes_nothing(
     for suffix in ("csv", "xyz", "glb", "usda", "bvh", "json", "npz", "npy", "pt"):
         (tmp_path / f"text.{suffix}").write_text("some text" if suffix != "csv" else "a,b\n1,2\n")
     before = sorted(tmp_path.rglob("*"))
-    assert call(monkeypatch, "import", *words) == 2
+    assert call("import", *words) == 2
     lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("error: ")]
     assert len(lines) == 1
     assert message in lines[0]
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_imported_folder_is_readable_by_evaluate(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_imported_folder_is_readable_by_evaluate(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "in").mkdir()
     for name in ("one", "two"):
         conversion_rows(toy_motions.motion(60.0, 2.5), tmp_path / "in" / f"{name}.csv")
-    assert call(monkeypatch, "import", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--no-expression") == 0
+    assert call("import", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--no-expression") == 0
     told = capfd.readouterr()
     assert "one: livelink, 2.50 s at 60 fps" in told.out
     assert "two: note: eyes taken as lines of sight (--eyes visual); optical axes by the mean kappa, 4.5 de" in told.err

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,9 +9,9 @@ import av
 import numpy as np
 import pytest
 import trimesh
+from command_line import call
 from flame_file import arrays, write
 
-from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats.writers.gaussians import y_down
@@ -24,13 +23,6 @@ from talkingeyes.rendering import open_avatar
 from talkingeyes.rendering.open_avatar import Posture
 from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.splatting import AvatarRenderer, colours_from
-
-
-def call(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["talkingeyes", *words])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    return int(left.value.code or 0)
 
 
 def on_triangles(binding: list[int]) -> BoundGaussians:
@@ -98,11 +90,11 @@ def test_a_film_of_an_avatar(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fl
     monkeypatch.chdir(tmp_path)
     Motion.of(30.0, np.zeros((3, 3)), np.zeros((3, 2, 3))).save(Path("a.npz"))
     monkeypatch.setattr(open_avatar, "build_avatar", lambda head: GaussianAvatar(head, on_triangles([*range(12_000)])))
-    assert call(monkeypatch, "avatar", "-o", "own") == 0
-    assert call(monkeypatch, "avatar", "-o", "own") == 2  # it exists
+    assert call("avatar", "-o", "own") == 0
+    assert call("avatar", "-o", "own") == 2  # it exists
     for folder in ("own", "avatar"):
         words = ("render", "a.npz", "-o", f"{folder}.mp4", "--head", "gaussians", "--model", folder, "--size", "64")
-        assert call(monkeypatch, *words) == 0
+        assert call(*words) == 0
         with av.open(f"{folder}.mp4") as container:
             frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
         assert (len(frames), frames[0].shape) == (3, (64, 64, 3))
@@ -117,7 +109,7 @@ def test_a_posed_frame_is_a_ply_of_3d_gaussian_splatting(
     motion = Motion.of(30.0, np.array([[0, 0, 0], [0.1, 0.2, 0.3]]), np.zeros((2, 2, 3)))
     motion.save(Path("a.npz"))
     words = ("export", "a.npz", "-o", "a.ply", "--head", "gaussians", "--model", "avatar", "--frame", "1", "--eyes")
-    assert call(monkeypatch, *words, "optical") == 0
+    assert call(*words, "optical") == 0
     _, posed = load_avatar(flame_avatar).posed(motion)
     content = trimesh.load("a.ply").metadata["_ply_raw"]["vertex"]
     assert [*content["properties"]][:9] == ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
@@ -162,5 +154,5 @@ def test_the_folder_of_the_avatar_is_needed(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Motion.of(30.0, np.zeros((3, 3)), np.zeros((3, 2, 3))).save(Path("a.npz"))
-    assert call(monkeypatch, "render", "a.npz", "-o", "a.mp4", "--head", "gaussians") == 2
+    assert call("render", "a.npz", "-o", "a.mp4", "--head", "gaussians") == 2
     assert "model: should be the folder of the avatar where head is gaussians" in capfd.readouterr().err

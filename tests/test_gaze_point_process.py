@@ -60,20 +60,6 @@ def test_past_saccades_can_be_discarded() -> None:
     assert most < 25
 
 
-def test_rows_are_rendered_independently() -> None:
-    onsets_s, locations = crowded()
-    event = np.random.default_rng(5).random((4, len(onsets_s))) < 0.7
-    event[:, 0] = True
-    onsets, rows = np.tile(onsets_s, (4, 1)), np.stack([locations, -locations, 2 * locations, locations[::-1]])
-    times_s = np.arange(0, 4, 0.04)
-    together = render_saccades(event, onsets, rows, times_s)
-    for index in range(4):
-        only = slice(index, index + 1)
-        np.testing.assert_allclose(
-            together[index], render_saccades(event[only], onsets[only], rows[only], times_s)[0], atol=1e-9
-        )
-
-
 def gaze(time: float = 1.0, location: float = 1.0, **changes: object) -> PointProcessGaze:
     torch.manual_seed(0)
     settings = PointProcessGazeSettings.model_validate(

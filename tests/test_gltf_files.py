@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 import struct
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,9 @@ from typing import Any
 import face_files
 import numpy as np
 import pytest
+from command_line import call
 from scipy.spatial.transform import Rotation
 
-from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
@@ -452,20 +451,14 @@ def test_the_user_names_joints(tmp_path: Path) -> None:
         read_motion(face_files.live_link(tmp_path / "a.csv"), joints=NAMED)
 
 
-def test_the_command_takes_names_of_joints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+def test_the_command_takes_names_of_joints(tmp_path: Path, capsys: Any) -> None:
     path = bones(tmp_path / "a.glb", TREE, moving=("Bone.3", "Bone.4"))
     options = [word for joint, name in NAMED.items() for word in ("--joint", f"{joint}={name}")]
-    monkeypatch.setattr(sys, "argv", ["talkingeyes", "import", str(path), "-o", str(tmp_path / "in.npz"), *options])
-    with pytest.raises(SystemExit) as done:
-        cli.main()
-    assert (done.value.code, "no gaze" in capsys.readouterr().err) == (0, False)
+    status = call("import", str(path), "-o", str(tmp_path / "in.npz"), *options)
+    assert (status, "no gaze" in capsys.readouterr().err) == (0, False)
     assert Motion.load(tmp_path / "in.npz").gaze.any()
-    monkeypatch.setattr(
-        sys, "argv", ["talkingeyes", "add-eyes", str(path), "x.wav", "-o", "y.glb", "--joint", "eye=Bone.3"]
-    )
-    with pytest.raises(SystemExit) as refused:
-        cli.main()
-    assert (refused.value.code, capsys.readouterr().err.count("\n")) == (2, 1)
+    status = call("add-eyes", str(path), "x.wav", "-o", "y.glb", "--joint", "eye=Bone.3")
+    assert (status, capsys.readouterr().err.count("\n")) == (2, 1)
 
 
 @pytest.mark.parametrize("version", ["VRM", "VRMC_vrm"])

@@ -46,14 +46,6 @@ def test_skinning_is_the_chain_of_its_joints() -> None:
         np.testing.assert_allclose(found[vertex], expected, atol=1e-6)
 
 
-def test_a_batch_is_its_members() -> None:
-    pose = random_pose(3)
-    whole = posed_vertices(anny_head(), pose)
-    for frame in range(3):
-        member = Pose(**{name: value[frame : frame + 1] for name, value in vars(pose).items()})
-        np.testing.assert_allclose(posed_vertices(anny_head(), member)[0], whole[frame], atol=1e-6)
-
-
 def test_identity_moves_eyes_and_joints_together() -> None:
     head = anny_head()
     np.testing.assert_allclose(head.identity[0, head.pupils], head.identity_joints[0, 3:], atol=2e-3)

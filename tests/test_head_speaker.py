@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from command_line import call
 from model_conf import model_section
 from test_posegan import settings
 from toy_model import BLINKS, EMBED, sound_file
@@ -15,7 +16,6 @@ from toy_workspace import CHANNELS, NAMES, SPEAKERS, toy_workspace
 
 from pipelines import sample
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
-from talkingeyes.cli.main import main
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.recordings import Normaliser
@@ -99,20 +99,24 @@ def test_the_speakers_of_head_and_gaze_are_the_same(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("person", "yaw"), [("anna", 0.0), ("bert", 0.5)])
-def test_animate_obeys_person(person: str, yaw: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert animate(tmp_path, person, monkeypatch) == 0
+def test_animate_obeys_person(
+    person: str,
+    yaw: float,
+    tmp_path: Path,
+) -> None:
+    assert animate(tmp_path, person) == 0
     found = [first_yaw(Motion.load(each).head[None])[0] for each in sorted((tmp_path / "out").rglob("*.npz"))]
     assert found == pytest.approx([yaw] * 4, abs=0.01)
 
 
 def test_animate_refuses_a_person_whom_posegan_does_not_know(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert animate(tmp_path, "cleo", monkeypatch) == 2
+    assert animate(tmp_path, "cleo") == 2
     assert "person: should be one of anna, bert, got cleo" in capsys.readouterr().err
 
 
-def animate(root: Path, person: str, monkeypatch: pytest.MonkeyPatch) -> int:
+def animate(root: Path, person: str) -> int:
     """Run `talkingeyes animate` with PoseGAN, four samples; returns the exit status."""
     channels = list(make_encoder(EmbedSettings.model_validate(EMBED)).channels)
     model = write_posegan(root / "model", channels, ("anna", "bert"))
@@ -121,10 +125,7 @@ def animate(root: Path, person: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (model / f"{name}.json").write_text(json.dumps(content))
     sound = sound_file(root / "speech.wav", 2.0)
     asked = ["animate", sound, "-o", root / "out", "--model", model, "--person", person, "--samples", "4"]
-    monkeypatch.setattr("sys.argv", ["talkingeyes", *map(str, asked), "--no-postprocessing", "--no-previews"])
-    with pytest.raises(SystemExit) as left:
-        main()
-    return int(left.value.code or 0)
+    return call(*map(str, asked), "--no-postprocessing", "--no-previews")
 
 
 def test_the_stage_sample_moves_the_speaker_of_the_clip(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import sys
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,7 +11,9 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from command_line import call
 from jaxtyping import Float
+from model_conf import compose
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 from toy_model import sound_file, toy_model
@@ -21,7 +22,6 @@ import talkingeyes as te
 from talkingeyes.animation import line_of_sight
 from talkingeyes.animation.line_of_sight import BETWEEN_EYES_M, EYES_M, from_forward_axes, to_forward_axes
 from talkingeyes.apps.study.films import FilmContent, write_film
-from talkingeyes.cli.main import main
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
@@ -32,7 +32,6 @@ from talkingeyes.head.eyeball import APEX_M
 from talkingeyes.head.eyelid.gaze_controller import homogeneous
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
-from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology.vergence import HALF_INTERPUPILLARY_M
 from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.tracking.settings import TrackSettings
@@ -256,15 +255,12 @@ def test_an_unknown_statement_is_one_line(tmp_path: Path) -> None:
         read_motion(tmp_path / "a.usda")
 
 
-def test_animate_writes_optical_axes_on_request(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_animate_writes_optical_axes_on_request(tmp_path: Path) -> None:
     sound, model = str(sound_file(tmp_path / "a.wav")), str(toy_model(tmp_path / "model"))
 
     def animated(eyes: str) -> int:
         options = ("--model", model, "--samples", "1", "--no-previews", "-f", "arkit", "--eyes", eyes)
-        monkeypatch.setattr(sys, "argv", ["talkingeyes", "animate", sound, "-o", str(tmp_path / eyes), *options])
-        with pytest.raises(SystemExit) as left:
-            main()
-        return int(left.value.code or 0)
+        return call("animate", sound, "-o", str(tmp_path / eyes), *options)
 
     for eyes in ("visual", "optical"):
         assert animated(eyes) == 0

@@ -34,6 +34,8 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.packed import PACKAGED
 from talkingeyes.workflows.pack import pack
 
+pytestmark = pytest.mark.usefixtures("models_loaded_once")
+
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -281,9 +281,10 @@ FEW = ("synthesize.clips=12", "synthesize.takes=2")
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
+    from model_conf import compose
     from toy_corpus import make_tiny_corpus
 
-    from talkingeyes.orchestration.config import compose, write_params
+    from talkingeyes.orchestration.config import write_params
 
     root = tmp_path_factory.mktemp("reference_ranges")
     make_tiny_corpus(root, *FEW)

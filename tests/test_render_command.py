@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
 import soundfile
+from command_line import call
 from flame_file import arrays, write
 
-from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny import anny_head
 from talkingeyes.workflows.render import parse_camera, render, retarget_to_head
-
-
-def call(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["talkingeyes", *words])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    return int(left.value.code or 0)
 
 
 @pytest.fixture
@@ -34,19 +26,19 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_film_has_the_frames_the_sound_and_the_size(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_film_has_the_frames_the_sound_and_the_size(place: Path) -> None:
     words = ["render", "a.npz", "-o", "a.mp4", "--camera", "face,yaw=20", "--sound", "a.wav", "--size", "64"]
-    assert call(monkeypatch, *words) == 0
+    assert call(*words) == 0
     with av.open("a.mp4") as container:
         assert len(container.streams.audio) == 1
         frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
     assert (len(frames), frames[0].shape) == (12, (64, 64, 3))
-    assert call(monkeypatch, *words) == 2  # the file exists
-    assert call(monkeypatch, *words, "--force") == 0
+    assert call(*words) == 2  # the file exists
+    assert call(*words, "--force") == 0
 
 
-def test_the_head_is_a_picture(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert call(monkeypatch, "head", "-o", "head.png", "--size", "300") == 0
+def test_the_head_is_a_picture(place: Path) -> None:
+    assert call("head", "-o", "head.png", "--size", "300") == 0
     assert (place / "head.png").stat().st_size > 10_000
 
 
@@ -74,14 +66,14 @@ def test_the_same_motion_plays_on_flame(place: Path) -> None:
     ],
 )
 def test_bad_input_is_one_line_error_and_changes_nothing(
-    place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], words: list[str], message: str
+    place: Path, capfd: pytest.CaptureFixture[str], words: list[str], message: str
 ) -> None:
     good = dict(np.load("a.npz"))
     np.savez("nan.npz", **{**good, "head": np.full((12, 3), np.nan)})
     other = {"expression": np.zeros((12, 1)), "expression_names": '["wing"]', "head_model": "bird"}
     np.savez("strange.npz", **{**good, **other})
     before = sorted(place.rglob("*"))
-    assert call(monkeypatch, "render", *words) == 2
+    assert call("render", *words) == 2
     captured = capfd.readouterr()
     assert captured.out == ""
     assert captured.err.startswith("error: ")

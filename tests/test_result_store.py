@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 import yaml
+from model_conf import compose
 
 from pipelines.experiment import stage_order
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration import result_store
-from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import MethodResult, Report
 from talkingeyes.orchestration.stage_graph import required_calls, stage_calls
 

@@ -18,7 +18,6 @@ import toy_motions
 from osc_packets import osc_bundle, osc_message
 from scipy.spatial.transform import Rotation
 from vtube_studio import vtube_studio
-from websockets.sync.client import connect
 
 from talkingeyes.animation.line_of_sight import from_forward_axes
 from talkingeyes.core import rotation
@@ -154,19 +153,6 @@ def test_errors_of_vtube_studio_are_one_line(
     assert ended.value.code == 2
     assert capsys.readouterr().err.startswith(reason)
     assert (tmp_path / "token").exists() == ("taken" in settings)
-
-
-def test_the_stand_in_refuses_what_vtube_studio_refuses() -> None:
-    sender = importlib.import_module("vtube_studio_stream")
-    values = {"faceFound": True, "mode": "set", "parameterValues": [{"id": "EyesLeftX", "value": 0.0}]}
-    with vtube_studio(tokens={"known": tuple(sender.PLUGIN.values())}) as studio, connect(studio.address) as client:
-        with pytest.raises(RuntimeError, match=r"requires authentication.*error 8"):
-            sender.ask(client, "InjectParameterDataRequest", values)
-        assert sender.authenticate(client, "known")["authenticated"]
-        with pytest.raises(RuntimeError, match=r"EyesLeftX: no such parameter.*error 453"):
-            sender.ask(client, "InjectParameterDataRequest", values)
-        with pytest.raises(RuntimeError, match="error 7"):
-            sender.ask(client, "NoRequest", {})
 
 
 @pytest.mark.parametrize(

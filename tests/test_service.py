@@ -900,7 +900,7 @@ class TestPage:
         (tmp_path / "speech.wav").write_bytes(wav(speech(3.0), 48_000))
         fake = ("--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream")
         file = f"--use-file-for-fake-audio-capture={tmp_path / 'speech.wav'}"
-        monkeypatch.setattr("tests.browser.FLAGS", (*FLAGS, *fake, file))
+        monkeypatch.setattr("browser.FLAGS", (*FLAGS, *fake, file))
         with open_browser(tmp_path / "profile") as browser:
             browser.open(service.address)
             browser.wait_for("document.body.dataset.state === 'ready'")

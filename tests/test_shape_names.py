@@ -17,6 +17,13 @@ from talkingeyes.formats.shape_names import STANDARD_NAMES, shape_names
 from talkingeyes.formats.writers.arkit import timecode
 from talkingeyes.workflows.add_eyes import add_eyes
 
+pytestmark = pytest.mark.usefixtures("models_loaded_once")
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return toy_model(tmp_path_factory.mktemp("toy") / "model")
+
 
 def snake(name: str) -> str:
     return "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in name)
@@ -126,14 +133,14 @@ BOTH = ("eyesClosed", "eyesLookUp", "eyesLookDown")  # of Ready Player Me, besid
 
 
 @pytest.mark.parametrize("file", WRITERS)
-def test_shapes_of_both_eyes_count_and_do_not_double_ours(tmp_path: Path, file: str) -> None:
+def test_shapes_of_both_eyes_count_and_do_not_double_ours(model: Path, tmp_path: Path, file: str) -> None:
     table = np.zeros((45, 55))
     table[:, 52], table[:, 53] = weights(45, 2).T
     path, out = WRITERS[file](tmp_path / file, [*arkit.NAMES, *BOTH], table), tmp_path / f"out{Path(file).suffix}"
     read = read_motion(path, eyes="optical").motion
     np.testing.assert_allclose(read.lid, np.repeat(table[:, [52]], 2, axis=1), atol=1e-9)
     assert np.degrees(read.gaze[..., 0]).min() == pytest.approx(-37 * table[:, 53].max())
-    done = add_eyes(path, sound_file(tmp_path / "speech.wav", seconds=1.5), out, model=toy_model(tmp_path / "model"))
+    done = add_eyes(path, sound_file(tmp_path / "speech.wav", seconds=1.5), out, model=model)
     np.testing.assert_allclose(read_motion(out).motion.lid, done.animation.motion.lid, atol=1e-6)
     content = out.read_text()
     shared = json.loads(content)["weightMat"] if file == "a.json" else [r.split(",")[1:] for r in content.split()[1:]]
@@ -141,11 +148,11 @@ def test_shapes_of_both_eyes_count_and_do_not_double_ours(tmp_path: Path, file: 
 
 
 @pytest.mark.parametrize("file", WRITERS)
-def test_eyes_are_put_under_the_names_of_the_file(tmp_path: Path, file: str) -> None:
+def test_eyes_are_put_under_the_names_of_the_file(model: Path, tmp_path: Path, file: str) -> None:
     names = [SPELLINGS["prefix and _L"](name) for name in arkit.NAMES]
     path = WRITERS[file](tmp_path / file, names, np.zeros((45, 52)))
     sound, out = sound_file(tmp_path / "speech.wav", seconds=1.5), tmp_path / f"out{path.suffix}"
-    done = add_eyes(path, sound, out, seed=2, model=toy_model(tmp_path / "model"))
+    done = add_eyes(path, sound, out, seed=2, model=model)
     read = read_motion(out).motion
     np.testing.assert_allclose(read.lid, done.animation.motion.lid, atol=1e-6)
     assert np.abs(read.gaze).max() > 0.02

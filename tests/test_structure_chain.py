@@ -5,9 +5,9 @@ import subprocess
 import sys
 
 import pytest
+from model_conf import compose
 
 from pipelines.experiment import pipeline_calls
-from talkingeyes.orchestration.config import compose
 
 
 def run_tiny(repository, root, *overrides):

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import yaml
 from browser import CHROMIUM, open_browser
+from command_line import call
 from fastapi.testclient import TestClient
 
 from talkingeyes.apps.study.answers import Answer, AnswerDatabase
@@ -27,7 +28,6 @@ from talkingeyes.apps.study.server import study_app
 from talkingeyes.apps.study.study_folder import Study, film_id, required_films
 from talkingeyes.apps.study.tables import format_p_value, table
 from talkingeyes.audio.annotation import Annotation
-from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import angles_to_gaze
@@ -454,11 +454,9 @@ def test_bad_input_is_one_line_error_and_writes_nothing(
         Path("torn").mkdir()
         Study(Path("torn"), design, 0, {"all_clips": ("c0",), ATTENTION_CHECK: ("c1",)}).save()
     before = sorted(tmp_path.iterdir())
-    monkeypatch.setattr(sys, "argv", ["talkingeyes", "study", *words])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
+    status = call("study", *words)
     captured = capfd.readouterr()
-    assert left.value.code == 2
+    assert status == 2
     assert message in captured.err
     assert captured.err.count("\n") == 1
     assert sorted(tmp_path.iterdir()) == before

@@ -5,11 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from model_conf import compose
 
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core import rotation
 from talkingeyes.core.motion import Motion
-from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology.blinks import PAPER, PHYSIOLOGICAL
 from talkingeyes.synthesis import plan
 from talkingeyes.synthesis.gaze_aversion import PLANNED_PAUSE_S

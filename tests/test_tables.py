@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from model_conf import compose
 from toy_workspace import toy_workspace, train_random
 
 from pipelines import critic
@@ -30,7 +31,6 @@ from talkingeyes.evaluation.papers.talkingeyes_results import (
 )
 from talkingeyes.evaluation.papers.talkingeyes_tables import FAMILIES, REGRESSED, SEQUENCE, TABLES, TITLES, PaperTable
 from talkingeyes.evaluation.text_tables import Column
-from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Report
 from talkingeyes.orchestration.stage_graph import StageCall
 

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import call
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_model import toy_model
 
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.audio.waveform import read_speech
-from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.workflows import speak as speech
 from talkingeyes.workflows.speak import parse_script, speak
@@ -106,10 +105,7 @@ def test_animate_speaks_and_keeps_the_speech_beside(tmp_path: Path, monkeypatch:
     monkeypatch.chdir(tmp_path)
     toy_model(tmp_path / "toy")
     words = ["animate", "--text", "Hello, who is there?", "--voice", "en-gb-scotland+f2", "-o", "out", "--model", "toy"]
-    monkeypatch.setattr(sys, "argv", ["talkingeyes", *words, "--samples", "1", "--no-previews"])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    assert not left.value.code
+    assert call(*words, "--samples", "1", "--no-previews") == 0
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert names == ["manifest.json", "sample_00.events.json", "sample_00.npz", "speech.json", "speech.wav"]
     phonemes = json.loads((tmp_path / "out" / "speech.json").read_text())["phonemes"]

@@ -11,6 +11,7 @@ from typing import Any
 import av
 import numpy as np
 import pytest
+from model_conf import compose
 from typer.testing import CliRunner
 
 from talkingeyes.cli.main import app
@@ -19,7 +20,6 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.landmark_definitions import LANDMARK_NAMES
-from talkingeyes.orchestration.config import compose
 from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.video import write_video
 from talkingeyes.rendering.view import FRAMINGS

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import soundfile
 from browser import CHROMIUM, open_browser
+from command_line import call
 from fastapi.testclient import TestClient
 from scipy.spatial.transform import Rotation
 from toy_workspace import toy_workspace
@@ -26,7 +27,6 @@ from talkingeyes.apps.viewer.pose_encoding import POSE_COLUMNS, pose_rows
 from talkingeyes.apps.viewer.scene import traces, waveform_peaks
 from talkingeyes.apps.viewer.server import viewer_app
 from talkingeyes.audio.annotation import Annotation, Span
-from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Blink, Events, Motion
 from talkingeyes.core.rotation import angles_to_gaze, eye_in_head
@@ -160,15 +160,11 @@ def test_pages_load_nothing_from_elsewhere() -> None:
         (["a.npz", "--port", "70000"], "port: should be 0 to 65535, got 70000"),
     ],
 )
-def test_a_mistake_is_one_line(
-    place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], words: list[str], message: str
-) -> None:
+def test_a_mistake_is_one_line(place: Path, capfd: pytest.CaptureFixture[str], words: list[str], message: str) -> None:
     before = sorted(place.iterdir())
-    monkeypatch.setattr(sys, "argv", ["talkingeyes", "view", *words])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
+    status = call("view", *words)
     captured = capfd.readouterr()
-    assert left.value.code == 2
+    assert status == 2
     assert message in captured.err
     assert captured.err.startswith("error: ")
     assert captured.err.count("\n") == 1

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from model_conf import compose
 from test_training import NAMES, NORMALISER, translation
 from toy import CHANNELS, recordings
 
@@ -18,7 +19,6 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.recordings import Normaliser, Recording
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.models.waveform_encoder import WaveformEncoder, WaveformEncoderSettings
-from talkingeyes.orchestration.config import compose
 from talkingeyes.training import checkpoint
 from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
 from talkingeyes.training.gaze_tokenizer import GazeTokenizerSettings, GazeTokenizerTask

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.core.motion import Blink, Events, Motion, Saccade
@@ -111,11 +111,6 @@ def closure(blinks: tuple[Blink, ...], times_s: Float[ndarray, " T"]) -> Float[n
         knots = np.cumsum([blink.onset_s, blink.closing_s, blink.hold_s, blink.opening_s])
         lid = np.maximum(lid, blink.depth * np.interp(times_s, knots, [0.0, 1.0, 1.0, 0.0]))
     return lid
-
-
-def blink_frames(scene_: Scene) -> Bool[ndarray, " T"]:
-    """Mask of frames with any true closure."""
-    return np.asarray(scene_.motion.lid.max(axis=1) > 0.02)
 
 
 def head_sway(

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+from model_conf import compose
+
 from pipelines import synthesize
-from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Workspace
 
 

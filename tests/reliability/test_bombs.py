@@ -11,7 +11,6 @@ import json
 import pickle
 import re
 import struct
-import sys
 import tracemalloc
 import zipfile
 from collections.abc import Callable
@@ -23,6 +22,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import toy_motions
+from command_line import call
 from fastapi.testclient import TestClient
 from numpy.lib import format as npy
 
@@ -31,7 +31,6 @@ from talkingeyes.apps.service.animation_request import Limits
 from talkingeyes.apps.service.app import ServiceResources, service_app
 from talkingeyes.apps.service.worker_pool import WorkerPool
 from talkingeyes.apps.study.design import load_design
-from talkingeyes.cli import main as cli
 from talkingeyes.core.containers import MAX_ARRAY_BYTES, MAX_COLUMNS, MAX_DIRECTORY_BYTES, MIB
 from talkingeyes.core.errors import MAX_LETTERS, InputError
 from talkingeyes.core.motion import Events, Motion
@@ -341,13 +340,11 @@ def test_other_modules_open_only_files_of_the_pipeline(repository: Path) -> None
     assert found == OWN_FILES
 
 
-def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], words: list[str]) -> str:
+def command(capfd: pytest.CaptureFixture[str], words: list[str]) -> str:
     """Run a command that is refused; returns its line."""
-    monkeypatch.setattr(sys, "argv", ["talkingeyes", *words])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
+    status = call(*words)
     said = capfd.readouterr()
-    assert left.value.code == 2, said
+    assert status == 2, said
     assert said.out == ""
     lines = [line for line in said.err.splitlines() if "it/s]" not in line and line.strip()]
     assert len(lines) == 1
@@ -393,7 +390,7 @@ def test_commands_refuse_bombs_in_one_line(
     (tmp_path / "long.yaml").write_text(f"title: [{'x' * 90_000}]\nfps: {'x' * 900}\n")
     (tmp_path / "deep.json").write_text(DEEP_JSON)
     (tmp_path / "long.json").write_text(json.dumps({"schema": "x" * 4 * MIB}))
-    line, peak = peak_mib(lambda: command(monkeypatch, capfd, words))
+    line, peak = peak_mib(lambda: command(capfd, words))
     assert message in line
     assert len(line) <= len("error: ") + MAX_LINE
     assert peak < 4 * PEAK_MIB
