@@ -17,6 +17,7 @@ from talkingeyes.audio.annotation import Span
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.people.aversion_likelihood import likelihood_gains
 from talkingeyes.evaluation.people.conversations import (
     AGREED,
     NEITHERS,
@@ -28,7 +29,9 @@ from talkingeyes.evaluation.people.conversations import (
     read_conversations,
 )
 from talkingeyes.evaluation.people.timing import LAGS_S, MEASURES, compare_timing, timing_row, turn_information
-from talkingeyes.workflows.evaluate_timing import evaluate_timing
+from talkingeyes.synthesis.speech_synthesis import DialogueVoices, synthesize_turns
+from talkingeyes.synthesis.voice_profiles import sample_voice
+from talkingeyes.workflows.evaluate_timing import evaluate_timing, row_name
 
 SETTINGS = BootstrapSettings(n_resamples=200, confidence_level=0.95, seed=0)
 SECONDS = 600
@@ -241,6 +244,51 @@ def test_a_row_without_people_is_left_out(following: list[ConversationGaze]) -> 
     assert list(content["rows"]) == ["people"]
 
 
+def modelled(follows: float, pair: int) -> tuple[ConversationGaze, np.ndarray]:
+    """Gaze whose probability of aversion alternates between 0.2 and 0.6 by turns, and the share of a model's samples
+    that knows a part of it."""
+    own = turns(pair)
+    frames = round(SECONDS * RATE_HZ)
+    rng = np.random.default_rng([pair, 7])
+    chance = np.where(own.role(frames) == OWN, 0.6, 0.2)
+    averted = rng.random(frames) < chance
+    share = follows * chance + (1 - follows) * np.where(turns(pair + 500).role(frames) == OWN, 0.6, 0.2)
+    return ConversationGaze(f"p{pair}", averted, np.ones(frames, bool), own), rng.binomial(16, share) / 16
+
+
+def test_likelihood_of_a_model_that_knows_is_the_information_and_of_one_that_does_not_0() -> None:
+    gains = {}
+    for follows in (1.0, 0.0):
+        people, shares = zip(*(modelled(follows, pair) for pair in range(8)), strict=True)
+        gains[follows] = likelihood_gains(people, shares, 16, SETTINGS)
+    half = np.array([0.6, 0.2])
+    entropy = -half * np.log(half) - (1 - half) * np.log(1 - half)
+    known = -0.4 * np.log(0.4) - 0.6 * np.log(0.6) - entropy.mean()  # own and partner's turns are as long
+    assert 0.6 * known < gains[1.0]["shifted"].value < known * 1.1  # smoothing blurs the changes
+    assert gains[1.0]["constant"].value == pytest.approx(gains[1.0]["shifted"].value, abs=0.01)
+    assert gains[0.0]["shifted"].low < 0 < gains[0.0]["shifted"].high
+    assert abs(gains[0.0]["shifted"].value) < 0.01
+
+
+def test_speech_fills_the_given_turns_alone() -> None:
+    rng = np.random.default_rng(0)
+    voices = DialogueVoices(sample_voice(rng, "en"), sample_voice(rng, "en"))
+    spoken = synthesize_turns(voices, ([Span(1.0, 4.0), Span(6.0, 9.5)], [Span(4.0, 6.0)]), 9.0, rng)
+    assert len(spoken.sound) == len(spoken.partner) == 9 * 16000
+    loud = {
+        name: np.abs(sound.reshape(-1, 1600)).max(axis=1) > 1e-3
+        for name, sound in (("own", spoken.sound), ("partner", spoken.partner))
+    }
+    times_s = np.arange(90) / 10
+    own = ((times_s >= 1) & (times_s < 4)) | (times_s >= 6)
+    assert not loud["own"][~own].any() and loud["own"][own].mean() > 0.6
+    assert loud["partner"][(times_s >= 4) & (times_s < 6)].mean() > 0.6 and loud["partner"].sum() <= 20
+    said = spoken.annotation
+    assert said.listening == (Span(4.0, 6.0),) and said.speaking[0].start_s == pytest.approx(1.0)
+    assert all(any(a <= word.start_s and word.end_s <= b + 1e-9 for a, b in ((1, 4), (6, 9))) for word in said.words)
+    assert len(said.words) > 8
+
+
 def test_real_people_look_away_in_their_own_turns(request: pytest.FixtureRequest) -> None:
     folder = request.config.rootpath.parent / "shared/data/real/gaze"
     if not (folder / "face_to_face_contact.csv.gz").is_file():
@@ -248,6 +296,12 @@ def test_real_people_look_away_in_their_own_turns(request: pytest.FixtureRequest
     found = read_conversations(folder / "face_to_face_contact.csv.gz", folder / "face_to_face_turns.csv.gz")
     assert list(found) == ["1", "2", AGREED] and all(len(people) == 48 for people in found.values())
     rows = {name: timing_row(people, SETTINGS)["measures"] for name, people in found.items()}
-    assert all(row["own"]["value"] > row["partners"]["value"] + 0.05 for row in rows.values())
+    committed = json.loads((request.config.rootpath / "docs/results/people_timing.json").read_text())["rows"]
+    for name, row in rows.items():
+        assert row["own"]["value"] > row["partners"]["value"] + 0.05
+        figures = committed[row_name(name)]["measures"]
+        assert {key: each["value"] for key, each in row.items()} == pytest.approx(
+            {key: each["value"] for key, each in figures.items()}, rel=1e-6
+        )
     for name in ("2", AGREED):  # the first coder's is not above 0
         assert rows[name]["start_rise"]["low"] > 0.05 and rows[name]["end_fall"]["low"] > 0.03

@@ -12,6 +12,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -169,7 +170,7 @@ def _fill_turns(
         sound[first : first + len(said)] = said[: len(sound) - first]
         pieces.append(monologue.annotation.shifted(-start_s).clipped(length_s).shifted(turn.start_s))
         at_s = start_s + length_s
-    joined = {
+    joined: dict[str, Any] = {
         name: tuple(chain.from_iterable(getattr(piece, name) for piece in pieces))
         for name, value in vars(Annotation()).items()
         if isinstance(value, tuple)

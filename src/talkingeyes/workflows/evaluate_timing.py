@@ -67,9 +67,7 @@ def evaluate_timing(
     recorded = read_conversations(Path(people), Path(turns))
     corpus = None if reference is None else Corpus(Path(reference))
     notes: list[str] = []
-    rows = {
-        f"people, {name}" if not name.isdigit() else f"people, coder {name}": each for name, each in recorded.items()
-    }
+    rows = {row_name(coder): each for coder, each in recorded.items()}
     found = {
         name: _read(
             usable_sounds(motion_files(folder), corpus, None if sound is None else Path(sound), notes), corpus, notes
@@ -84,6 +82,11 @@ def evaluate_timing(
         with output_folder.atomic_folder(output_path) as folder:
             (folder / "timing.json").write_text(json.dumps(content, indent=1))
     return TimingResult(content, notes)
+
+
+def row_name(coder: str) -> str:
+    """The row of the people by a coder, or where all agree."""
+    return f"people, coder {coder}" if coder.isdigit() else f"people, {coder}"
 
 
 @dataclass(frozen=True)
