@@ -68,7 +68,7 @@ conversation* (PNAS 118(37)), doi 10.1073/pnas.2106645118, <https://github.com/s
 - The coders agree moderately. A start or an end is known to the second alone, which flattens rise and fall in all rows.
 - People look away to think and to show it; the models know speech alone.
 - The models are alone, without the rules of `animate` (with `--partner`, one of them sets gaze while listening).
-- The direct test is small: no interval of a model or of the turns excludes 0, so it does not tell the rows apart.
+- The direct test is small: no gain over shifted turns is above 0 with certainty, so it does not tell the rows apart.
 - The intervals of the information are wide: people differ in how much they look away, and 24 pairs are few."""
 
 
