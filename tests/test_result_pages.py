@@ -60,7 +60,7 @@ def test_page_of_face_models_has_the_figures_of_the_report() -> None:
 
 
 def test_page_of_people() -> None:
-    assert page("people") == people.page(numbers("people"))
+    assert page("people") == people.page(numbers("people"), numbers("people_timing"))
 
 
 def test_page_of_the_field_s_baselines() -> None:

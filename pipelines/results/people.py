@@ -1,7 +1,8 @@
 """Gaze of the default chain against recorded people in conversation: the page docs/results/people.md.
 
 Run     python -m pipelines.results.people [PEOPLE [DATA]]        (after make repro)
-Reads   PEOPLE (../shared/data/real/gaze/conversation_fixations.csv.gz); corpus and samples in DATA (data/)
+Reads   PEOPLE (../shared/data/real/gaze/conversation_fixations.csv.gz); corpus and samples in DATA (data/);
+        docs/results/people_timing.json (python -m pipelines.results.people_timing)
 Writes  docs/results/people.json and docs/results/people.md
 
 Each row is what `talkingeyes evaluate MOTIONS --people DATA --reference CORPUS` prints. Not a stage: the recordings are
@@ -16,8 +17,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pipelines.results import people_timing_page
 from pipelines.results.result_tables import ResultTable
 from talkingeyes.core.atomic_file import atomic_write
+from talkingeyes.core.containers import read_json
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.people.comparison import state_table
 from talkingeyes.orchestration.run import Workspace, run_command
@@ -42,10 +45,17 @@ PAGE = """# Gaze against recorded people
     talkingeyes evaluate MOTION_DIR --people DATA [--reference CORPUS] [--sound DIR] [-o DIR]
 
 compares where and how long generated faces look with people in conversation, while they speak and while they listen.
-It prints a table for each state and writes `people.json`. This page is written by `python -m pipelines.results.people`;
-[people.json](people.json) has all rows and intervals.
+It prints a table for each state and writes `people.json`. With conversations in place of fixations,
 
-## Input
+    talkingeyes evaluate MOTION_DIR --people CONTACT --turns TURNS [--reference CORPUS] [--sound DIR] [-o DIR]
+
+compares when they look away, and writes `timing.json`. This page is written by `python -m pipelines.results.people` and
+`python -m pipelines.results.people_timing`; all rows and intervals are in [people.json](people.json) and
+[people_timing.json](people_timing.json).
+
+{timing}
+
+## Remote calls: input
 
 - `MOTION_DIR`: motion files as for the [benchmark](../benchmark.md), with `head` and `gaze`; `lid` gives blinks.
 - `DATA`: fixations of people, a CSV table with the columns participant, state (SPEAK, LISTEN), segment, start_sample,
@@ -62,7 +72,7 @@ Convert the `fixations.pkl` of `data/0` to `data/11` to one CSV file with the co
 are kept for validation; the tracker is estimated from the others. The other figures use all {people}. The recordings
 are not part of this project.
 
-## Method
+## Remote calls: method
 
 - Generated gaze passes a simulated screen tracker: 90 Hz, white noise of {noise_deg:g} and slow noise of {drift_deg:g}
   degrees (time constant {drift_s:g} s), {speaking_loss:g} random losses per second while speaking and
@@ -85,7 +95,7 @@ a uniformly random direction every 0.2 to 5 s, head still.
 
 {states}
 
-## What it shows
+## Remote calls: what it shows
 
 {findings}
 
@@ -117,11 +127,12 @@ def compute(data: Path, recorded: Path, corpus: Path) -> dict[str, Any]:
     return content
 
 
-def page(content: Mapping[str, Any]) -> str:
-    """The page of a result."""
+def page(content: Mapping[str, Any], timing: Mapping[str, Any]) -> str:
+    """The page of both results: fixations in remote calls, and timing face to face."""
     tracker = content["tracker"]
-    states = [f"## While {state}\n\n{_table(content, state)}" for state in content["states"]]
+    states = [f"## Remote calls: while {state}\n\n{_table(content, state)}" for state in content["states"]]
     return PAGE.format(
+        timing=people_timing_page.section(timing),
         **{name: tracker[name] for name in ("noise_deg", "drift_deg", "drift_s")},
         speaking_loss=tracker["loss_per_s"][0],
         listening_loss=tracker["loss_per_s"][1],
@@ -175,8 +186,9 @@ def main() -> None:
         raise InputError(
             f"{recorded}: should be the table of recorded people, got none (docs/results/people.md says where)"
         )
+    timing = read_json(DOCS / "people_timing.json", "result")
     content = compute(data, recorded, data / "synthesize")
-    for name, text in (("people.json", json.dumps(content, indent=1) + "\n"), ("people.md", page(content))):
+    for name, text in (("people.json", json.dumps(content, indent=1) + "\n"), ("people.md", page(content, timing))):
         with atomic_write(DOCS / name) as path:
             path.write_text(text)
 

@@ -26,6 +26,10 @@ def evaluate(
     people: Annotated[
         Path | None, typer.Option(help="Table of recorded people (CSV): compare gaze with them instead of the corpus.")
     ] = None,
+    turns: Annotated[
+        Path | None,
+        typer.Option(help="Table of who speaks (CSV), with --people a table of looks at the partner: compare timing."),
+    ] = None,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="A folder to write: new, or empty.")] = None,
     sound: Annotated[
         Path | None, typer.Option(help="Folder of sounds named as the motions, if these are not clips of the corpus.")
@@ -51,6 +55,22 @@ def evaluate(
         given = [name for name, value in (("--truth", truth), ("--evaluators", evaluators)) if value is not None]
         if given:
             raise InputError(f"{' and '.join(given)}: should not be given with --people")
+        if turns is not None:
+            from talkingeyes.workflows.evaluate_timing import evaluate_timing, timing_text
+
+            timing = evaluate_timing(
+                motions,
+                people,
+                turns,
+                out,
+                reference=reference,
+                sound=sound,
+                n_resamples=n_resamples,
+                seed=seed,
+                force=force,
+            )
+            typer.echo(timing_text(timing))
+            return
         from talkingeyes.workflows.evaluate_people import evaluate_people, people_text
 
         found = evaluate_people(
@@ -58,6 +78,8 @@ def evaluate(
         )
         typer.echo(people_text(found))
         return
+    if turns is not None:
+        raise InputError("--turns: should come with --people, the table of looks at the partner, got none")
     if reference is None:
         raise InputError(
             "evaluate: needs --reference CORPUS (`talkingeyes benchmark-corpus CORPUS` writes one), or --people DATA"

@@ -11,6 +11,8 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -52,6 +54,7 @@ MARGIN_S = 0.2  # inside the requested range of durations, so that few attempts 
 CONTEXT_S = 6.0  # of conversation around a clip, before and after it together
 MIN_SPOKEN_S = 2.0  # of the speaker's own speech in a clip
 FRAME_S = FRAME_SAMPLES / ESPEAK_SAMPLE_RATE
+LONGEST_MONOLOGUE_S = 300.0  # of one text for given turns
 TURN_S = 6.0  # mean duration of a turn in a conversation
 TURN_SPREAD = 0.35
 SPEAKER_TURN_WEIGHT = 1.5  # weight of the speaker's turns relative to the partner's
@@ -123,6 +126,56 @@ def synthesize_conversation(
     raise InputError(
         f"voices: speech should last {shortest_s} to {longest_s} s, got none in {ATTEMPTS} attempts; widen the range"
     )
+
+
+def synthesize_turns(
+    speaker_voices: DialogueVoices,
+    turns: Sequence[Sequence[Span]],
+    seconds: float,
+    rng: np.random.Generator,
+    partition: TextPartition = ALL_TEXT,
+) -> SynthesizedSpeech:
+    """Synthesize a conversation with given turns, of the speaker and of the partner, to the sample.
+
+    Each turn is a piece of a monologue from the start of one of its phrases on, cut where the turn ends, so a last word
+    may be cut off. `partner` is the partner's sound.
+    """
+    assert speaker_voices.partner is not None, "a conversation should have a partner"
+    (own, said), (other, answered) = (
+        _fill_turns(voice, spans, seconds, rng, partition)
+        for voice, spans in zip((speaker_voices.speaker, speaker_voices.partner), turns, strict=True)
+    )
+    listening = tuple(Annotation(listening=tuple(turns[1])).clipped(seconds).listening)
+    annotation = replace(said, listening=listening, partner=answered.speaking)
+    script = Script(speaker_voices.speaker.language, ())
+    return SynthesizedSpeech(own, with_loudness(annotation, own), script, other)
+
+
+def _fill_turns(
+    voice: Voice, turns: Sequence[Span], seconds: float, rng: np.random.Generator, partition: TextPartition
+) -> tuple[Float[ndarray, " N"], Annotation]:
+    """Sound and annotation of one person, silent outside of the turns; a long conversation repeats the monologue."""
+    monologue = _talk(DialogueVoices(voice), min(seconds, LONGEST_MONOLOGUE_S), rng, partition)
+    sound, pieces, at_s = np.zeros(round(seconds * SAMPLE_RATE), np.float32), [], 0.0
+    for turn in turns:
+        length_s = min(turn.end_s, seconds) - turn.start_s
+        if length_s <= 0:
+            continue
+        phrases = [
+            span.start_s for span in monologue.annotation.speaking if span.start_s + length_s < monologue.seconds
+        ]
+        start_s = next((each for each in phrases if each >= at_s), phrases[0] if phrases else 0.0)
+        said = monologue.sound[round(start_s * SAMPLE_RATE) :][: round(length_s * SAMPLE_RATE)]
+        first = round(turn.start_s * SAMPLE_RATE)
+        sound[first : first + len(said)] = said[: len(sound) - first]
+        pieces.append(monologue.annotation.shifted(-start_s).clipped(length_s).shifted(turn.start_s))
+        at_s = start_s + length_s
+    joined: dict[str, Any] = {
+        name: tuple(chain.from_iterable(getattr(piece, name) for piece in pieces))
+        for name, value in vars(Annotation()).items()
+        if isinstance(value, tuple)
+    }
+    return sound, Annotation(**joined)
 
 
 def excerpt(spoken: SynthesizedSpeech, first: int, frames: int) -> SynthesizedSpeech:

@@ -91,19 +91,13 @@ def evaluate_people(
     the same name is replaced). Raises InputError (one line) for invalid folders, files or numbers.
     """
     folders = [Path(motions), *(others or {}).values()]
-    if n_resamples < 20 or seed < 0:
-        raise InputError(f"n_resamples and seed: should be at least 20 and 0, got {n_resamples} and {seed}")
-    if reference is None and sound is None:
-        raise InputError("--people: needs the sounds of the motions; give --reference CORPUS or --sound DIR")
-    for folder in (*folders, *([Path(sound)] if sound else [])):
-        if not folder.is_dir():
-            raise InputError(f"{folder}: should be a folder, got none")
+    check_request(folders, reference, sound, n_resamples, seed)
     output_path = None if out is None else output_folder.output_path(Path(out), OUTPUT_FILES, force)
     recorded = read_people(Path(people))
     corpus = None if reference is None else Corpus(Path(reference))
     notes: list[str] = []
     own, *further = [
-        _read(_sounds(motion_files(folder), corpus, None if sound is None else Path(sound), notes), corpus, notes)
+        _read(usable_sounds(motion_files(folder), corpus, None if sound is None else Path(sound), notes), corpus, notes)
         for folder in folders
     ]
     clips = _baseline_rows(own, corpus, seed, notes) | {MOTIONS: _by_speaker(own)}
@@ -123,10 +117,23 @@ def evaluate_people(
     return PeopleResult(content, rows, notes)
 
 
-def _sounds(
+def check_request(
+    folders: Sequence[Path], reference: Path | str | None, sound: Path | str | None, n_resamples: int, seed: int
+) -> None:
+    """Raises InputError for folders that are none, numbers out of bounds, and motions without sounds."""
+    if n_resamples < 20 or seed < 0:
+        raise InputError(f"n_resamples and seed: should be at least 20 and 0, got {n_resamples} and {seed}")
+    if reference is None and sound is None:
+        raise InputError("--people: needs the sounds of the motions; give --reference CORPUS or --sound DIR")
+    for folder in (*folders, *([Path(sound)] if sound else [])):
+        if not folder.is_dir():
+            raise InputError(f"{folder}: should be a folder, got none")
+
+
+def usable_sounds(
     files: dict[str, list[Path]], corpus: Corpus | None, sound: Path | None, notes: list[str]
 ) -> list[EvaluatedSound]:
-    """The sounds of the files; files without a sound are noted."""
+    """The sounds of the files; files without a sound are noted. Raises InputError if there is none."""
     matched, unmatched, more = match_files(files, corpus, sound)
     notes.extend(more)
     usable = [each for each in [*matched, *unmatched] if each.takes or each.sound is not None]
@@ -170,14 +177,15 @@ def _baseline_rows(
             gaze = uniform_gaze_deg(len(clip.state), clip.fps, rng)
             rows[UNIFORM][each.speaker].append(GazeClip(clip.fps, gaze, clip.state, np.zeros(len(gaze), bool)))
         if corpus is not None and corpus.has_truth:
-            rows[TRUTH][each.speaker] += _clips(_true_files(corpus, each.sound.takes), each.annotation, notes)
+            rows[TRUTH][each.speaker] += _clips(true_files(corpus, each.sound.takes), each.annotation, notes)
             others = [clip for clip in bank if clip.sound != each.sound.name]
             chosen = [others[index] for index in rng.integers(len(others), size=len(each.clips))] if others else []
-            rows[RANDOM][each.speaker] += _clips(_true_files(corpus, chosen), each.annotation, notes)
+            rows[RANDOM][each.speaker] += _clips(true_files(corpus, chosen), each.annotation, notes)
     return {name: speakers for name, speakers in rows.items() if any(speakers.values())}
 
 
-def _true_files(corpus: Corpus, clips: Sequence[Clip]) -> list[Path]:
+def true_files(corpus: Corpus, clips: Sequence[Clip]) -> list[Path]:
+    """The true motions of clips, those that exist."""
     paths = [shard_path(corpus.root / "truth", clip.id, ".npz") for clip in clips]
     return [path for path in paths if path.is_file()]
 

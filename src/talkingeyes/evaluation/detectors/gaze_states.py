@@ -48,10 +48,15 @@ def detect_gaze_states(
     partner = densest_direction(gaze_in_space_rad[known], radius) if partner_rad is None else np.asarray(partner_rad)
     with np.errstate(invalid="ignore"):
         off = ((gaze_in_space_rad - partner) ** 2).sum(axis=1) > radius**2
-    index = np.maximum.accumulate(np.where(known, np.arange(len(off)), 0))
-    averted = _steady(off[index], max(1, round(MIN_DWELL_S * fps)))
+    averted = steady_states(off, known, fps)
     change = np.concatenate([[0], np.flatnonzero(np.diff(averted)) + 1, [len(averted)]])
     return GazeStates(change[:-1] / fps, change[1:] / fps, averted, partner, averted[change[:-1]])
+
+
+def steady_states(averted: Bool[ndarray, " T"], known: Bool[ndarray, " T"], fps: float) -> Bool[ndarray, " T"]:
+    """The state of every frame: unknown frames, and runs shorter than MIN_DWELL_S, keep the previous state."""
+    index = np.maximum.accumulate(np.where(known, np.arange(len(averted)), 0))
+    return _steady(averted[index], max(1, round(MIN_DWELL_S * fps)))
 
 
 def densest_direction(directions_rad: Float[ndarray, "K 2"], radius_rad: float) -> Float[ndarray, " 2"]:

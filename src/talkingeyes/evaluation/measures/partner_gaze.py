@@ -82,7 +82,7 @@ def extract_aversion_curves(behaviour: Behaviour) -> Sums:
     assert behaviour.annotation is not None
     sums: dict[str, float | ndarray] = {}
     for event, times_s in event_times(behaviour.annotation, len(behaviour) / behaviour.fps).items():
-        averted, counted = _around(behaviour, np.array(times_s))
+        averted, counted = averted_around(behaviour.states.averted, behaviour.valid, behaviour.fps, np.array(times_s))
         sums |= {f"{event}.{EVENTS[event]}": len(times_s), f"{event}.averted": averted, f"{event}.counted": counted}
     return sums
 
@@ -108,13 +108,19 @@ def event_times(annotation: Annotation, seconds: float) -> dict[str, list[float]
     }
 
 
-def _around(behaviour: Behaviour, times_s: Float[ndarray, " N"]) -> Float[ndarray, "2 L"]:
+def averted_around(
+    averted: Bool[ndarray, " T"],
+    valid: Bool[ndarray, " T"],
+    fps: float,
+    times_s: Float[ndarray, " N"],
+    lags_s: Float[ndarray, " L"] = LAGS_S,
+) -> Float[ndarray, "2 L"]:
     """Number of averted and of all valid frames at each lag from the times."""
-    frame = np.round((times_s[:, None] + LAGS_S) * behaviour.fps).astype(int)
-    inside = (frame >= 0) & (frame < len(behaviour))
+    frame = np.round((times_s[:, None] + lags_s) * fps).astype(int)
+    inside = (frame >= 0) & (frame < len(averted))
     frame = np.where(inside, frame, 0)
-    counted = inside & behaviour.valid[frame]
-    return np.stack([(counted & behaviour.states.averted[frame]).sum(axis=0), counted.sum(axis=0)]).astype(float)
+    counted = inside & valid[frame]
+    return np.stack([(counted & averted[frame]).sum(axis=0), counted.sum(axis=0)]).astype(float)
 
 
 STATES = Extractor(extract_states, ("head", "gaze"))
@@ -126,11 +132,18 @@ def aversion_curve(totals: Totals, event: str) -> Float[ndarray, "D L"]:
     return safe_divide(totals[f"{event}.averted"], totals[f"{event}.counted"])
 
 
+def share_in_window(
+    curve: Float[ndarray, "*D 2 L"], window_s: tuple[float, float], lags_s: Float[ndarray, " L"] = LAGS_S
+) -> Float[ndarray, "*D"]:
+    """Fraction averted in a window of lags, of the sums of `averted_around`."""
+    within = (window_s[0] - 1e-9 <= lags_s) & (window_s[1] + 1e-9 >= lags_s)
+    sums = curve[..., within].sum(axis=-1)
+    return safe_divide(np.asarray(sums[..., 0]), np.asarray(sums[..., 1]))
+
+
 def _share(totals: Totals, event: str, window_s: tuple[float, float]) -> Float[ndarray, " D"]:
     """Fraction averted in a window of lags."""
-    within = (window_s[0] - 1e-9 <= LAGS_S) & (window_s[1] + 1e-9 >= LAGS_S)
-    averted, counted = (totals[f"{event}.{name}"][:, within].sum(axis=1) for name in ("averted", "counted"))
-    return safe_divide(averted, counted)
+    return share_in_window(np.stack([totals[f"{event}.{name}"] for name in ("averted", "counted")], axis=-2), window_s)
 
 
 def _change(totals: Totals, event: str, to: tuple[float, float], base: tuple[float, float]) -> Float[ndarray, " D"]:
