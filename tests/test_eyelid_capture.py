@@ -13,6 +13,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from PIL import Image
 
+from pipelines.results.eyelid_follow import IRIS, median_errors_deg
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import angles_to_gaze
@@ -158,6 +159,21 @@ def test_views_are_fused_by_precision_and_trust() -> None:
     assert one.trusted.all()
     none = fuse([track(0.0, 1.0, "iris covered"), track(3.0, 5.0, "no face")])
     assert none.reason == ("iris covered",)
+
+
+def test_errors_of_observers_are_those_of_open_eyes_without_an_offset() -> None:
+    """Of the iris, without a line per axis."""
+    angles = np.random.default_rng(0).normal(0.0, 8.0, (40, 2))
+    lid = np.repeat((np.arange(40) % 4 == 0)[:, None], 2, axis=1).astype(float)
+    motion = Motion.of(
+        25.0, np.zeros((40, 3)), angles_to_gaze(np.radians(np.repeat(angles[:, None], 2, axis=1))), lid=lid
+    )
+    seen = np.where(lid > 0, 50.0, angles + np.array([3.0, -2.0]))
+    np.testing.assert_allclose(median_errors_deg("LightGazeFit", seen, motion), 0.0, atol=1e-9)
+    np.testing.assert_allclose(median_errors_deg(IRIS, 0.01 * seen * [2.0, -3.0], motion), 0.0, atol=1e-9)
+    seen[2::4, 1] += 1.5
+    seen[3::4, 1] -= 1.5
+    assert median_errors_deg("LightGazeFit", seen, motion)[1] == pytest.approx(1.5)
 
 
 @pytest.fixture
