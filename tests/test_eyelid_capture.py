@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,11 @@ from jaxtyping import Float
 from numpy import ndarray
 from PIL import Image
 
+from pipelines.results.eyelid_follow import IRIS, median_errors_deg
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import angles_to_gaze
+from talkingeyes.fitting import eyelid_capture
 from talkingeyes.fitting.eyelid_capture import (
     IMAGE_PX,
     PX_PER_M,
@@ -53,15 +56,20 @@ def clip() -> tuple[Motion, list[ndarray]]:
 
 
 def found(
-    clip: tuple[Motion, list[ndarray]], eye: int, turned: Float[ndarray, " 3"], moved: Float[ndarray, " 3"]
+    clip: tuple[Motion, list[ndarray]],
+    eye: int,
+    turned: Float[ndarray, " 3"],
+    moved: Float[ndarray, " 3"],
+    times: int = 1,
 ) -> EyeTrack:
-    """The capture of one eye with an error of the head pose."""
+    """The capture of one eye with an error of the head pose; of the clip several times over."""
     motion, images = clip
     landmarks = CAMERA.project(head_to_scene(motion_landmarks(motion), motion.head, motion.translation))
     cuts = [cut_eyes(image, points, IMAGE_PX, PX_PER_M)[eye] for image, points in zip(images, landmarks, strict=True)]
-    placed = place_eye(cuts, eye, motion.head + turned, motion.translation + moved, CAMERA, WHOLE)
-    start = np.radians(ANGLES_DEG + 4.0)
-    return capture_eye(placed, eye, open_head_lids()[eye], start, np.clip(LID + 0.1, 0, 1), 25.0)
+    head, translation = (np.tile(each, (times, 1)) for each in (motion.head + turned, motion.translation + moved))
+    placed = place_eye(cuts * times, eye, head, translation, CAMERA, WHOLE)
+    start, lid = np.tile(np.radians(ANGLES_DEG + 4.0), (times, 1)), np.tile(np.clip(LID + 0.1, 0, 1), times)
+    return capture_eye(placed, eye, open_head_lids()[eye], start, lid, 25.0)
 
 
 @pytest.mark.parametrize("eye", [0, 1])
@@ -95,9 +103,36 @@ def test_curves_are_projected_onto_the_eye(clip: tuple[Motion, list[ndarray]]) -
     curves, ring = project_curves(placed, 0, open_head_lids()[0], track)
     inside = ring[0].mean(axis=0)
     row, column = np.round(inside).astype(int)[::-1]
-    assert placed.pixels[0, row, column].sum() < 150  # dark
+    assert placed.pixels[0][row, column].sum() < 150  # dark
     assert curves[0, :15, 1].min() < inside[1] < curves[0, 15:30, 1].max()  # y down
     assert np.ptp(ring[0][:, 0]) == pytest.approx(2 * 0.0059 * PX_PER_M, rel=0.15)
+
+
+def test_blocks_of_frames_give_the_same_track(
+    clip: tuple[Motion, list[ndarray]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But for the lids' polynomials, which are those of a block."""
+    whole = found(clip, 0, np.zeros(3), np.zeros(3))
+    monkeypatch.setattr(eyelid_capture, "BLOCK", 3)
+    parts = found(clip, 0, np.zeros(3), np.zeros(3))
+    seen = LID < 0.2
+    np.testing.assert_allclose(parts.angles_rad[seen], whole.angles_rad[seen], atol=np.radians(0.5))
+    np.testing.assert_allclose(parts.closure, whole.closure, atol=0.03)
+    assert parts.reason == whole.reason
+
+
+def test_memory_hardly_grows_with_the_clip(clip: tuple[Motion, list[ndarray]], monkeypatch: pytest.MonkeyPatch) -> None:
+    """By what places each image; the energies of a frame take 170 kB."""
+    monkeypatch.setattr(eyelid_capture, "BLOCK", 4)
+    monkeypatch.setattr(eyelid_capture, "SIZE_FRAMES", 4)
+    found(clip, 0, np.zeros(3), np.zeros(3))
+    peaks = []
+    for times in (1, 6):
+        tracemalloc.start()
+        found(clip, 0, np.zeros(3), np.zeros(3), times)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] - peaks[0] < 5 * len(LID) * 20_000
 
 
 def test_sizes_and_landmarks_follow_definitions() -> None:
@@ -124,6 +159,21 @@ def test_views_are_fused_by_precision_and_trust() -> None:
     assert one.trusted.all()
     none = fuse([track(0.0, 1.0, "iris covered"), track(3.0, 5.0, "no face")])
     assert none.reason == ("iris covered",)
+
+
+def test_errors_of_observers_are_those_of_open_eyes_without_an_offset() -> None:
+    """Of the iris, without a line per axis."""
+    angles = np.random.default_rng(0).normal(0.0, 8.0, (40, 2))
+    lid = np.repeat((np.arange(40) % 4 == 0)[:, None], 2, axis=1).astype(float)
+    motion = Motion.of(
+        25.0, np.zeros((40, 3)), angles_to_gaze(np.radians(np.repeat(angles[:, None], 2, axis=1))), lid=lid
+    )
+    seen = np.where(lid > 0, 50.0, angles + np.array([3.0, -2.0]))
+    np.testing.assert_allclose(median_errors_deg("LightGazeFit", seen, motion), 0.0, atol=1e-9)
+    np.testing.assert_allclose(median_errors_deg(IRIS, 0.01 * seen * [2.0, -3.0], motion), 0.0, atol=1e-9)
+    seen[2::4, 1] += 1.5
+    seen[3::4, 1] -= 1.5
+    assert median_errors_deg("LightGazeFit", seen, motion)[1] == pytest.approx(1.5)
 
 
 @pytest.fixture

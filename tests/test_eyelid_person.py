@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import flame_file
@@ -9,6 +10,9 @@ import numpy as np
 import pytest
 from command_line import call
 
+from talkingeyes.animation.animator import Animator
+from talkingeyes.animation.streaming import LiveModel
+from talkingeyes.apps.service import app
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import angles_to_gaze
@@ -21,6 +25,7 @@ from talkingeyes.head.eyelid.labels import load_labels
 from talkingeyes.head.eyelid.model import lid_opening_m
 from talkingeyes.head.eyelid.person import EyelidPerson, fit_person, load_person
 from talkingeyes.head.posing import motion_to_pose
+from talkingeyes.workflows import serve
 from talkingeyes.workflows.animate import AnimationOptions
 from talkingeyes.workflows.render import load_head
 
@@ -82,6 +87,26 @@ def test_a_head_wears_the_lids_of_a_person(model: Path, tmp_path: Path, name: st
         places = [f"right_eye_{lid_name}_{at}" for lid_name in ("upper", "lower") for at in ("outer", "inner")]
         upper, lower = np.array([heights[place] for place in places]).reshape(2, 2).mean(axis=1)
         assert (upper - lower > 0.002) if lid == 0 else (abs(upper - lower) < 1e-6)
+
+
+def test_the_service_shows_the_lids_of_a_person(model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """On the head of its page, and in exported files that pose a head."""
+    asked, heads = {}, []
+    monkeypatch.setattr(Animator, "load", lambda _: SimpleNamespace(persons=()))
+    monkeypatch.setattr(LiveModel, "load", lambda _: None)
+    monkeypatch.setattr(serve.convert, "export", lambda *_, format, eyelid, **__: asked.update({format: eyelid}))
+    monkeypatch.setattr(app, "service_app", lambda resources, *_: heads.append(resources.head))
+    monkeypatch.setattr(serve, "serve", lambda *_: None)
+    monkeypatch.setattr(serve.signal, "signal", lambda *_: None)
+    export = serve.file_workers("model", str(model))
+    for name in ("glb", "mp4", "arkit"):
+        export(("export", tmp_path, name, tmp_path / "file"))
+    assert asked == {"glb": str(model), "mp4": str(model), "arkit": None}
+    for eyelid in (None, model):
+        serve.run_service(eyelid=eyelid, on_start=print)
+    assert heads[0] != heads[1]
+    with pytest.raises(InputError, match="not a readable Eyelid model"):
+        serve.run_service(eyelid=tmp_path, on_start=print)
 
 
 def lines_of(content: dict[str, Any]) -> list[str]:

@@ -38,6 +38,7 @@ from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
+from talkingeyes.workflows import study as study_workflow
 from talkingeyes.workflows.study import make_study, study_results
 
 FPS, FRAMES = 25.0, 15
@@ -335,6 +336,21 @@ def test_films_are_rendered_from_a_chain(tmp_path: Path, monkeypatch: pytest.Mon
         make_study("own.yaml", "study", data=data, size=32)
 
 
+def test_films_show_the_lids_of_a_person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = set()
+
+    def load(_: str, __: None, eyelid: str) -> object:
+        asked.add(eyelid)
+        return eyelid
+
+    monkeypatch.setattr(study_workflow, "load_head", load)
+    monkeypatch.setattr(study_workflow, "retarget_to_head", lambda motion, *_: motion)
+    monkeypatch.setattr(study_workflow, "write_film", lambda _, head, __, path: path.write_bytes(head.encode()))
+    make_study("eyelid_follow", tmp_path / "study", data=toy_data(tmp_path), allow_fewer=True, eyelid="lids.npz")
+    worn = [film.read_text() for film in (tmp_path / "study/films").iterdir()]
+    assert asked == set(worn) == {"lids.npz"}
+
+
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium; Debian has it in the package chromium")
 def test_a_study_is_taken_in_a_browser(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -437,6 +453,10 @@ def test_static_lids_blink_but_do_not_follow() -> None:
             "condition: should be one of following, static, got 'a'",
         ),
         (["make", "eyelid_follow", "-o", "x", "--without", "static"], "without: should leave a comparison"),
+        (
+            ["make", "eyelid_follow", "-o", "x", "--allow-fewer", "--eyelid", "bad.yaml"],
+            "bad.yaml: not a readable Eyelid",
+        ),
         (["make", "eyelid_follow", "-o", "data"], "should be a new or empty folder"),
         (["run", "none"], "none/study.json: not a readable study"),
         (["results", "data"], "data/study.json: not a readable study"),

@@ -1,13 +1,15 @@
 """What following lids are worth to an observer: an automatic stand-in for the study `eyelid_follow` (docs/study.md).
 
-The same motions (fixations of 0.3 to 0.9 s, up and down by 10 degrees (sd)) are rendered on the open head twice: with
-lids that follow gaze, and with the study's static ones, which blink only. Three observers estimate gaze: `talkingeyes
-capture`, LightGazeFit on MediaPipe's pupils (both in the head, without the median offset of a clip), and the place of
-MediaPipe's iris between the eye corners, mapped to gaze by a line per axis that half of the frames fit and the other
-half test. Errors are angles of both eyes' mean gaze, all frames counted.
+Eight motions of the packaged default, from a recording that comes with the package or from your sounds in turn, are
+rendered on the open head twice: with lids that follow gaze, and with the study's static ones, which blink only. Three
+observers estimate gaze in the head: `talkingeyes capture`, LightGazeFit on MediaPipe's pupils (both without the median
+offset of a clip), and the place of MediaPipe's iris between the eye corners, mapped to gaze by a line per axis that
+half of the frames fit and the other half test. Errors are angles of both eyes' mean gaze, in frames whose lids are less
+than half shut: the median of a clip, then the mean over clips, and its difference with a 95 % bootstrap interval over
+clips.
 
-Run     python -m pipelines.results.eyelid_follow [CLIPS]      (3 by default; extra `track`; three minutes)
-Reads   the open head, conf/
+Run     python -m pipelines.results.eyelid_follow [SOUND...]      (extra `track`; twelve minutes)
+Reads   the packaged model, the open head, conf/
 """
 
 from __future__ import annotations
@@ -21,9 +23,13 @@ from jaxtyping import Float
 from numpy import ndarray
 from PIL import Image
 
+import talkingeyes as te
 from talkingeyes.apps.study.films import static_lids
+from talkingeyes.apps.study.results import BOOTSTRAP
+from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.rotation import angles_to_gaze, gaze_to_angles
+from talkingeyes.core.rotation import gaze_to_angles
+from talkingeyes.evaluation.bootstrap import Statistic, bootstrap
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.landmark_definitions import EYE_LANDMARKS
 from talkingeyes.head.model import HeadModel
@@ -34,18 +40,9 @@ from talkingeyes.rendering.view import Framing
 from talkingeyes.tracking.face_mesh import FaceDetectionSettings, FaceMesh
 from talkingeyes.workflows.capture import capture
 
-FPS, FRAMES, SIZE_PX = 25.0, 100, 480
-SPREAD_DEG = (8.0, 10.0)
-LIMITS_DEG = np.array([[-20.0, -22.0], [20.0, 15.0]])
-
-
-def sample_motion(seed: int) -> Motion:
-    """Fixations, a still head, no blinks."""
-    rng = np.random.default_rng(seed)
-    onsets = np.cumsum(rng.uniform(0.3, 0.9, FRAMES))
-    fixations = np.radians(np.clip(rng.normal(0.0, SPREAD_DEG, (FRAMES, 2)), *LIMITS_DEG))
-    angles = fixations[np.searchsorted(onsets, np.arange(FRAMES) / FPS)]
-    return Motion.of(FPS, np.zeros((FRAMES, 3)), angles_to_gaze(np.repeat(angles[:, None], 2, axis=1)))
+CLIPS, FRAMES, SIZE_PX = 8, slice(25, 125), 480
+OPEN_LID = 0.5  # closure below which a frame counts
+IRIS = "MediaPipe's iris"
 
 
 def observed_deg(motion: Motion, head: HeadModel) -> dict[str, Float[ndarray, "T 2"]]:
@@ -55,11 +52,11 @@ def observed_deg(motion: Motion, head: HeadModel) -> dict[str, Float[ndarray, "T
     with tempfile.TemporaryDirectory() as folder:
         for frame, image in enumerate(images):
             Image.fromarray(image).save(Path(folder) / f"{frame:04d}.png")
-        found = capture([Path(folder)], fps=FPS)
+        found = capture([Path(folder)], fps=motion.fps)
     mesh = FaceMesh(FaceDetectionSettings.model_validate(compose()["track"]["face"]))
     places = []
     for frame, image in enumerate(images):
-        face = mesh.detect(image, frame / FPS)
+        face = mesh.detect(image, frame / motion.fps)
         if face is None:
             places.append(np.full(2, np.nan))
             continue
@@ -70,40 +67,50 @@ def observed_deg(motion: Motion, head: HeadModel) -> dict[str, Float[ndarray, "T
     return {
         "Eyelid capture": np.degrees(np.mean([track.angles_rad for track in found.tracks], axis=0)),
         "LightGazeFit": np.degrees(gaze_to_angles(found.views[0].fit.motion.gaze).mean(axis=1)),
-        "MediaPipe's iris": np.array(places),
+        IRIS: np.array(places),
     }
 
 
-def errors_deg(name: str, seen: Float[ndarray, "T 2"], true: Float[ndarray, "T 2"]) -> Float[ndarray, "T 2"]:
-    """Absolute errors of yaw and pitch of the tested frames."""
-    known = np.isfinite(seen).all(axis=1)
-    seen, true = seen[known], true[known]
-    if name != "MediaPipe's iris":
-        return np.asarray(np.abs(seen - true - np.median(seen - true, axis=0)))
-    left = []
-    for axis in range(2):
-        slope, start = np.polyfit(seen[::2, axis], true[::2, axis], 1)
-        left.append(np.abs(slope * seen[1::2, axis] + start - true[1::2, axis]))
-    return np.stack(left, axis=1)
+def median_errors_deg(name: str, seen: Float[ndarray, "T 2"], motion: Motion) -> Float[ndarray, " 2"]:
+    """Median absolute errors of yaw and pitch in the frames that count."""
+    true = np.degrees(gaze_to_angles(motion.gaze).mean(axis=1))
+    counts = np.isfinite(seen).all(axis=1) & (motion.lid.max(axis=1) < OPEN_LID)
+    seen, true = seen[counts], true[counts]
+    if name != IRIS:
+        return np.asarray(np.median(np.abs(seen - true - np.median(seen - true, axis=0)), axis=0))
+    lines = [np.polyfit(seen[::2, axis], true[::2, axis], 1) for axis in range(2)]
+    mapped = np.stack([np.polyval(line, seen[1::2, axis]) for axis, line in enumerate(lines)], axis=1)
+    return np.asarray(np.median(np.abs(mapped - true[1::2]), axis=0))
+
+
+def _mean_over(values: Float[ndarray, " C"]) -> Statistic:
+    return lambda clips: float(values[clips].mean())
 
 
 def main() -> None:
-    """Print a row per observer and kind of lids."""
-    clips = int(sys.argv[1]) if sys.argv[1:] else 3
+    """Print a row per observer and axis."""
+    sounds = [Path(sound) for sound in sys.argv[1:]] or [package_file(EXAMPLE_SPEECH)]
+    motions = [te.animate(sounds[seed % len(sounds)], seed=seed).motion.cut(FRAMES.start, FRAMES.stop)
+               for seed in range(CLIPS)]  # fmt: skip
     heads = {"following": anny_head(), "static": static_lids(anny_head())}
-    print(f"{'observer':<22}{'lids':<12}{'yaw: median, 95 %':>18}{'pitch: median, 95 %':>22}{'looking down':>14}")
-    motions = [sample_motion(seed) for seed in range(clips)]
-    truths = [np.degrees(gaze_to_angles(motion.gaze[:, 0])) for motion in motions]
     seen = {name: [observed_deg(motion, head) for motion in motions] for name, head in heads.items()}
-    for observer in ("Eyelid capture", "LightGazeFit", "MediaPipe's iris"):
-        for name, clips_seen in seen.items():
-            pairs = [(each[observer], true) for each, true in zip(clips_seen, truths, strict=True)]
-            errors = np.concatenate([errors_deg(observer, found, true) for found, true in pairs])
-            down = np.concatenate(
-                [true[1::2, 1] if "iris" in observer else true[:, 1] for _, true in pairs]
-            )  # every face is found
-            numbers = [f"{np.percentile(errors[:, axis], share):9.2f}" for axis in range(2) for share in (50, 95)]
-            print(f"{observer:<22}{name:<12}{''.join(numbers)}{np.median(errors[down < -10.0, 1]):14.2f}")
+    angles = np.degrees(np.concatenate([gaze_to_angles(motion.gaze).mean(axis=1) for motion in motions]))
+    print(f"{CLIPS} clips of {FRAMES.stop - FRAMES.start} frames; sd of gaze {angles.std(axis=0).round(1)} degrees")
+    print(f"{'observer':<20}{'error of':<10}{'following':>10}{'static':>10}{'static - following':>26}{'worse':>8}")
+    for observer in ("Eyelid capture", "LightGazeFit", IRIS):
+        errors = {
+            name: np.array([median_errors_deg(observer, each[observer], motion)
+                            for each, motion in zip(clips, motions, strict=True)])
+            for name, clips in seen.items()
+        }  # fmt: skip
+        more = errors["static"] - errors["following"]
+        for axis, angle in enumerate(("yaw", "pitch")):
+            found = bootstrap(_mean_over(more[:, axis]), CLIPS, BOOTSTRAP)
+            print(
+                f"{observer:<20}{angle:<10}{errors['following'][:, axis].mean():10.2f}"
+                f"{errors['static'][:, axis].mean():10.2f}{found.value:10.2f} ({found.low:5.2f} to {found.high:5.2f})"
+                f"{np.sum(more[:, axis] > 0):4d} of {CLIPS}"
+            )
 
 
 if __name__ == "__main__":

@@ -38,6 +38,10 @@ SUBSTITUTIONS = [
     (r"^(talkingeyes animate (?=.*two_cities\.wav).*)", r"\1 --no-previews"),
     (r"^(talkingeyes animate (?!.*--samples).*)", r"\1 --samples 1"),
     (r"^(talkingeyes study make .*)", r"\1 --allow-fewer --size 64 --condition ours=ONE_CLIP"),
+    (
+        r"^(talkingeyes study make eyelid_follow .*)--corpus build/corpus (.*)--condition ours=ONE_CLIP",
+        r"\1\2--condition following=ONE_CLIP --condition static=ONE_CLIP",
+    ),
     (r"^(talkingeyes .*)--jobs 8", r"\1--jobs 2"),
     (r"^(talkingeyes (?:export|pack) .*)", r"\1 --force"),  # two pages write the same file
     (r"^(talkingeyes animate .*--(?:person|style) )s0004\b", r"\1s0000"),  # speakers of the tiny corpus

@@ -95,6 +95,7 @@ def make_study(
     allow_fewer: Annotated[
         bool, typer.Option("--allow-fewer", help="Accept fewer clips than the design asks for.")
     ] = False,
+    eyelid: Eyelid = None,
     jobs: Annotated[int, typer.Option(help="Number of processes.")] = 1,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier study, answers included.")] = False,
 ) -> None:
@@ -118,6 +119,7 @@ def make_study(
         seed=seed,
         size=size,
         allow_fewer=allow_fewer,
+        eyelid=eyelid,
         jobs=jobs,
         force=force,
     )
@@ -165,6 +167,7 @@ def serve(
         Path | None,
         typer.Option(help="Model for live streams; default: talkingeyes_live beside --model, else the packaged one."),
     ] = None,
+    eyelid: Eyelid = None,
     streams: Annotated[
         int, typer.Option(min=1, max=1000, help="Maximum number of concurrent streams; more are refused.")
     ] = 10,
@@ -196,6 +199,7 @@ def serve(
     run_service(
         model=model,
         live=live_model,
+        eyelid=eyelid,
         host=host,
         port=port,
         limits=limits,

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray
 from scipy.ndimage import gaussian_filter1d
 
@@ -41,6 +41,7 @@ from talkingeyes.tracking.eye_images import EyeImage
 
 PX_PER_M = 1500.0  # of an eye's image
 IMAGE_PX = (48, 32)  # width and height
+BLOCK = 250  # frames treated together: a frame takes 0.2 MB
 DEGREE = 5  # of a lid as a polynomial along the opening
 DARK_OFFSET = 0.15  # added to each channel in (1): dark brown irises and lashes are as red as skin, but little of it
 CLOSURES = np.linspace(-0.3, 1.0, 14)
@@ -76,10 +77,14 @@ class EyeImages:
     from the camera, of a point that moves a metre ahead.
     """
 
-    pixels: UInt8[ndarray, "T H W 3"]
+    pixels: Sequence[UInt8[ndarray, "H W 3"]]
     origin: Float[ndarray, "T 2"]
     step: Float[ndarray, "T 2 2"]
     slope: Float[ndarray, "T 2"]
+
+    def at(self, rows: Int[ndarray, " F"]) -> EyeImages:
+        """Some of the frames."""
+        return EyeImages([self.pixels[row] for row in rows], self.origin[rows], self.step[rows], self.slope[rows])
 
 
 @dataclass(frozen=True)
@@ -142,7 +147,7 @@ def place_eye(
         origins.append(met[0, :2])
         steps.append([(met[1, :2] - met[0, :2]) / IMAGE_PX[0], (met[2, :2] - met[0, :2]) / IMAGE_PX[1]])
         slopes.append(-place[:2] / place[2])
-    return EyeImages(np.stack([image.pixels for image in images]), np.array(origins), np.array(steps), np.array(slopes))
+    return EyeImages([image.pixels for image in images], np.array(origins), np.array(steps), np.array(slopes))
 
 
 def opening_sizes(
@@ -185,35 +190,53 @@ def capture_eye(
     `lid_size`, `iris_size`: sizes of the opening relative to the lids' model, and of the iris relative to the average;
     without the second, it is estimated.
     """
-    scene = _Scene.of(images, eye, lids).sized(lid_size=lid_size)
-    shift, closure, _ = scene.register(start_rad, start_closure)
-    scene = scene.shifted(_smoothed(shift, closure < OPEN_CLOSURE, fps))
-    closure = scene.close(start_rad, scene.best_closure(start_rad, start_closure))
+    frames = len(start_rad)
+    iris = 1.0 if iris_size is None else iris_size
+    shift = np.zeros((frames, 2), np.float32)
+
+    def scene(rows: ndarray) -> _Scene:
+        return _Scene.of(images.at(rows), eye, lids).sized(lid_size=lid_size, iris_size=iris).shifted(shift[rows])
+
+    def by_block(function: Callable[[_Scene, ndarray], tuple[ndarray, ...]]) -> list[ndarray]:
+        blocks = [np.arange(first, min(first + BLOCK, frames)) for first in range(0, frames, BLOCK)]
+        return [np.concatenate(each) for each in zip(*(function(scene(rows), rows) for rows in blocks), strict=True)]
+
+    (energies,) = by_block(lambda block, rows: (block.energies_by_height(start_rad[rows], start_closure[rows]),))
+    costs = energies.mean(axis=0) + HEIGHT_PRIOR * (HEIGHTS_M / HEIGHTS_M[-1]) ** 2
+    height_m = float(HEIGHTS_M[np.argmin(costs)])
+    shift, closure = by_block(lambda block, rows: block.register(start_rad[rows], start_closure[rows], height_m))
+    shift = _smoothed(shift, closure < OPEN_CLOSURE, fps).astype(np.float32)
+    (closure,) = by_block(
+        lambda block, rows: (block.close(start_rad[rows], block.best_closure(start_rad[rows], start_closure[rows])),)
+    )
     open_rows = np.flatnonzero(closure < OPEN_CLOSURE)
-    if iris_size is not None:
-        scene = scene.sized(iris_size=iris_size)
-    elif len(open_rows):
+    if iris_size is None and len(open_rows):
         sizes = lid_size * SIZES
         rows = open_rows[np.linspace(0, len(open_rows) - 1, min(len(open_rows), SIZE_FRAMES)).round().astype(int)]
-        few = scene.at(rows)
+        few = scene(rows)
         costs = [few.sized(iris_size=float(size)).look(start_rad[rows], closure[rows])[1].mean() for size in sizes]
-        scene = scene.sized(iris_size=_lowest(sizes, np.array(costs)))
-    angles, _, _ = scene.look(start_rad, closure)
-    closure = scene.close(angles, closure)
-    angles, energy, sd = scene.look(angles, closure, starts=np.zeros((1, 2)), rounds=3)
-    blink_energy = scene.bias_residual(scene.opening(angles, closure))[1]
+        iris = _lowest(sizes, np.array(costs))
+
+    def last(block: _Scene, rows: ndarray) -> tuple[ndarray, ...]:
+        angles, _, _ = block.look(start_rad[rows], closure[rows])
+        lid = block.close(angles, closure[rows])
+        angles, energy, sd = block.look(angles, lid, starts=np.zeros((1, 2)), rounds=3)
+        return angles, lid, energy, sd, block.bias_residual(block.opening(angles, lid))[1]
+
+    angles, closure, energy, sd, blink_energy = by_block(last)
     separation = 1.0 - blink_energy
     closure = np.where(separation < SHUT_SEPARATION * np.median(separation), start_closure, closure)
+    (reason,) = by_block(lambda block, rows: (np.array(block.reasons(angles[rows], closure[rows], sd[rows])),))
     return EyeTrack(
         angles_rad=angles.astype(np.float64),
         closure=closure.astype(np.float64),
         blink_energy=blink_energy.astype(np.float64),
         gaze_energy=energy.astype(np.float64),
         sd_rad=sd.astype(np.float64),
-        shift_m=scene.shift.astype(np.float64),
-        lid_size=scene.lid_size,
-        iris_size=scene.iris_size,
-        reason=scene.reasons(angles, closure, sd),
+        shift_m=shift.astype(np.float64),
+        lid_size=lid_size,
+        iris_size=iris,
+        reason=tuple(reason.tolist()),
     )
 
 
@@ -259,8 +282,8 @@ class _Scene:
 
     @classmethod
     def of(cls, images: EyeImages, eye: int, lids: EyelidModel) -> _Scene:
-        frames, height, width = images.pixels.shape[:3]
-        colours = images.pixels.reshape(frames, -1, 3).astype(np.float32) / np.float32(255.0)
+        frames, (height, width) = len(images.pixels), images.pixels[0].shape[:2]
+        colours = np.stack(images.pixels).reshape(frames, -1, 3).astype(np.float32) / np.float32(255.0)
         columns, rows = (each.ravel() for each in np.meshgrid(np.arange(width), np.arange(height)))
         places = (
             images.origin[:, None]
@@ -291,11 +314,6 @@ class _Scene:
         along = (x * half[:, :1] + y * half[:, 1:]) / reach**2
         across = (y * half[:, :1] - x * half[:, 1:]) / reach / REGION_HALF_HEIGHT_M
         return replace(self, weight=(along**2 + across**2 < 1.0).astype(np.float32))
-
-    def at(self, rows: ndarray) -> _Scene:
-        """Some of the frames."""
-        names = ("red", "bias", "u", "v", "weight", "slope", "shift")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def sized(self, *, lid_size: float | None = None, iris_size: float | None = None) -> _Scene:
         """With other sizes of the opening and the iris."""
@@ -382,18 +400,16 @@ class _Scene:
         wrong = dark > light
         return np.where(wrong, both, dark), np.where(wrong, both, light)
 
+    def energies_by_height(self, angles: Float[ndarray, "T 2"], closure: Float[ndarray, " T"]) -> Float[ndarray, "T K"]:
+        """(2) of each frame with the eye shifted upwards by each of HEIGHTS_M."""
+        shifts = [self.shift + np.array([0.0, height], np.float32) for height in HEIGHTS_M]
+        return np.stack([self.bias_residual(self.opening(angles, closure, each))[1] for each in shifts], axis=1)
+
     def register(
-        self, angles: Float[ndarray, "T 2"], closure: Float[ndarray, " T"]
-    ) -> tuple[Float[ndarray, "T 2"], Float[ndarray, " T"], Float[ndarray, " T"]]:
-        """Upward shift and closure that minimise (2) together, and the energy, at a given gaze."""
-        rough = [
-            self.bias_residual(self.opening(angles, closure, self.shift + np.array([0.0, height], np.float32)))[
-                1
-            ].mean()
-            + HEIGHT_PRIOR * (height / HEIGHTS_M[-1]) ** 2
-            for height in HEIGHTS_M
-        ]
-        first = self.shifted(self.shift + np.array([0.0, HEIGHTS_M[int(np.argmin(rough))]], np.float32))
+        self, angles: Float[ndarray, "T 2"], closure: Float[ndarray, " T"], height_m: float
+    ) -> tuple[Float[ndarray, "T 2"], Float[ndarray, " T"]]:
+        """Upward shift and closure that minimise (2) together at a given gaze, from a first shift by `height_m`."""
+        first = self.shifted(self.shift + np.array([0.0, height_m], np.float32))
         state = np.column_stack([first.shift[:, 1], first.best_closure(angles, closure)])
 
         def moved(state: ndarray) -> tuple[ndarray, ndarray]:
@@ -405,8 +421,8 @@ class _Scene:
             return self.bias_residual(self.opening(angles, closure, shift))
 
         damping = np.array([1e-3 / MAX_SHIFT_M**2, 1e-3])
-        state, energy, _ = _gauss_newton(residual, state, np.array([SHIFT_M, STEP_CLOSURE]), damping, rounds=4)
-        return *moved(state), energy
+        state, _, _ = _gauss_newton(residual, state, np.array([SHIFT_M, STEP_CLOSURE]), damping, rounds=4)
+        return moved(state)
 
     def close(self, angles: Float[ndarray, "T 2"], closure: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
         """Step two: the closure that minimises (2) at a given gaze and shift, from a first one."""

@@ -41,6 +41,7 @@ def run_service(
     *,
     model: Path | str | None = None,
     live: Path | str | None = None,
+    eyelid: Path | str | None = None,
     host: str = LOCALHOST,
     port: int = PORT,
     limits: Limits = LIMITS,
@@ -50,22 +51,24 @@ def run_service(
 ) -> None:
     """Serve until interrupted; `on_start` is called with the URL.
 
-    `live` is the model for streams; by default the one beside `model`, else the packaged one. `jobs` is the number of
-    processes for streams. Pages of `stream_origins` may open streams. Raises InputError (one line) for an invalid
-    model, port or origin.
+    `live` is the model for streams; by default the one beside `model`, else the packaged one. `eyelid`: the lids of a
+    person (`talkingeyes eyelid fit`) for the head of the page and of exported files. `jobs` is the number of processes
+    for streams. Pages of `stream_origins` may open streams. Raises InputError (one line) for an invalid model, port or
+    origin.
     """
     from talkingeyes.animation.animator import Animator
     from talkingeyes.animation.streaming import LiveModel
     from talkingeyes.apps.service.app import ServiceResources, service_app
     from talkingeyes.apps.service.worker_pool import WorkerPool
     from talkingeyes.apps.viewer.pose_encoding import head_glb
-    from talkingeyes.head.anny import anny_head
     from talkingeyes.models.face.style import EMOTIONS
+    from talkingeyes.workflows.render import load_head
 
     for_files = find_model(model)
     streamed = find_live_model(for_files, live)
     animator = Animator.load(for_files)
     LiveModel.load(streamed)
+    head = load_head("anny", None, eyelid)
     formats = {name: each.suffix for name, each in convert.FORMATS.items()}
     signal.signal(signal.SIGTERM, _interrupted)
     with tempfile.TemporaryDirectory(prefix="talkingeyes-") as folder:
@@ -74,10 +77,12 @@ def run_service(
         temporary.mkdir()
         of_streams = ("talkingeyes.apps.service.stream_worker:stream_worker", [str(streamed.absolute())])
         of_files = ("talkingeyes.workflows.serve:file_workers", [str(for_files.absolute())])
+        if eyelid is not None:
+            of_files[1].append(str(Path(eyelid).absolute()))
         resources = ServiceResources(
             WorkerPool(*of_files, limits.files, 2 * limits.files, temporary),
             WorkerPool(*of_streams, jobs, 0, temporary),
-            head_glb(anny_head()),
+            head_glb(head),
             animator.persons,
             EMOTIONS,
             formats,
@@ -99,7 +104,7 @@ def _interrupted(*_: Any) -> None:
     raise KeyboardInterrupt
 
 
-def file_workers(model: str) -> Callable[[Any], Any]:
+def file_workers(model: str, eyelid: str | None = None) -> Callable[[Any], Any]:
     """The message handler for files: ("perform", folder, request, seconds), ("export", ...), ("add_eyes", ...)."""
     import torch
 
@@ -126,7 +131,8 @@ def file_workers(model: str) -> Callable[[Any], Any]:
 
     def export(folder: Path, format: str, file: Path) -> None:
         sound = folder / "sound" if format == "mp4" else None
-        convert.export(folder / "motion.npz", file, format=format, sound=sound, force=True)
+        lids = eyelid if convert.FORMATS[format].expression == "chosen" else None
+        convert.export(folder / "motion.npz", file, format=format, sound=sound, eyelid=lids, force=True)
 
     def add_eyes(folder: Path, face: Path, eyes: EyesRequest, max_duration_s: float) -> bytes:
         from talkingeyes.formats.editors.face_file import open_face_file
