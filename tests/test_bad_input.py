@@ -46,7 +46,7 @@ CASES = [
     ("dance", "No such command 'dance'"),
     ("animate --fly", "No such option: --fly"),
     ("animate a.wav -o out --seed one", "Invalid value for '--seed'"),
-    ("animate a.wav -o out --model text.txt", "got an unreadable file"),
+    ("animate a.wav -o out --model text.txt", "not a readable folder of the train stage or file"),
     ("animate a.wav -o out --model folder", "not a trained model"),
     ("animate text.txt -o out --model model", "not a sound that can be decoded"),
     ("animate folder -o out --model model", "folder: should hold sounds"),

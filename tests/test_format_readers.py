@@ -405,7 +405,7 @@ def test_broken_files_are_one_line_errors(tmp_path: Path) -> None:
         read_motion(tmp_path / "cut.bvh")
     write_vrm(made, tmp_path / "cut.vrma")
     (tmp_path / "cut.vrma").write_bytes((tmp_path / "cut.vrma").read_bytes()[:-2000])
-    with pytest.raises(InputError, match=r"cut\.vrma: not a GLB with an animation"):
+    with pytest.raises(InputError, match=r"cut\.vrma: not a readable GLB with an animation"):
         read_motion(tmp_path / "cut.vrma")
     (tmp_path / "half.npz").write_bytes((tmp_path / "nan.npz").read_bytes()[:300])
     with pytest.raises(InputError, match=r"half\.npz: not a readable npz"):

@@ -98,13 +98,13 @@ def test_bad_files_are_one_line_errors(tmp_path):
     for read, path, says in [
         (read_openface, once, "two or more frames of one face in order of time, got 1"),
         (read_openface, twice, "two or more frames of one face in order of time, got 2"),
-        (read_andersson, text, "not a recording of Andersson"),
-        (read_andersson, other, "not a recording of Andersson"),
-        (read_andersson, tmp_path / "none.mat", "not a recording of Andersson"),
+        (read_andersson, text, "not a readable recording of Andersson"),
+        (read_andersson, other, "not a readable recording of Andersson"),
+        (read_andersson, tmp_path / "none.mat", "not a readable recording of Andersson"),
         (read_openface, tmp_path / "none.csv", "not a readable CSV table"),
         (read_openface, table, "should have a column pose_Rx, got timestamp, x"),
-        (read_openface, words, "column timestamp should hold numbers"),
-        (read_conversation, table, "should have a column center_x_px"),
+        (read_openface, words, "not a readable table whose column timestamp holds numbers"),
+        (read_conversation, table, "should have a column participant"),
     ]:
         with pytest.raises(InputError, match=says) as error:
             read(path)

@@ -250,9 +250,9 @@ def test_an_error_about_the_face_names_the_packed_file(place: Path, tmp_path: Pa
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda path: path.write_bytes(path.read_bytes()[:2000]), "got an unreadable file"),
-        (lambda path: path.write_bytes(b"RIFF" + bytes(100)), "got an unreadable file"),
-        (lambda path: path.write_bytes(b""), "got an unreadable file"),
+        (lambda path: path.write_bytes(path.read_bytes()[:2000]), "not a readable folder of the train stage or file"),
+        (lambda path: path.write_bytes(b"RIFF" + bytes(100)), "not a readable folder of the train stage or file"),
+        (lambda path: path.write_bytes(b""), "not a readable folder of the train stage or file"),
         (foreign, "should be a model of `talkingeyes pack` (talkingeyes.model/1), got None"),
         (outside, "holds 'toy/../../a.json', which belongs to none of its models"),
         (other_encoder, "made with other weights of the speech encoder moonshine"),

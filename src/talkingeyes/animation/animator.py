@@ -32,7 +32,7 @@ from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
 from talkingeyes.audio.turn_taking import detect_turns
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core import rotation
-from talkingeyes.core.containers import read_json
+from talkingeyes.core.containers import read_json, reading
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.samples import FaceSamples, Samples
@@ -76,8 +76,8 @@ class Animator:
 
     @classmethod
     def _of_folders(cls, model: Path, face: Path) -> Animator:
-        generator = load_motion_generator(model)
-        try:
+        with reading(model, "trained model; `make repro` trains one"):
+            generator = load_motion_generator(model)
             embedding = read_json(model / "embedding.json", "JSON file")
             settings = validate_section("embed", EmbedSettings, embedding["settings"])
             encoder = make_encoder(settings)
@@ -87,8 +87,6 @@ class Animator:
             # A corpus without any blink has no profile.
             own = {"corpus": profile} if seen["count"] > seen["without_blinks"] else {}
             fps, profiles = float(embedding["fps"]), blinks.PROFILES | own
-        except (OSError, ValueError, KeyError) as error:
-            raise InputError(f"{model}: not a trained model ({error}); `make repro` trains one") from None
         return cls(encoder, generator, fps, profiles, speakers, FaceAnimator.load(face, settings, encoder))
 
     @property

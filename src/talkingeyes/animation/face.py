@@ -29,7 +29,7 @@ from scipy.interpolate import PchipInterpolator
 from talkingeyes.animation.inference.face import NumpyFaceGenerator
 from talkingeyes.animation.inference.loading import load_face_model
 from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
-from talkingeyes.core.containers import read_json
+from talkingeyes.core.containers import read_json, reading
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.settings import validate_section
@@ -66,12 +66,10 @@ class FaceAnimator:
         if not is_face_model(folder):
             raise InputError(f"{folder}: should be a face model, such as probtalk3d, got another model")
         head = anny_head()
-        generator = load_face_model(folder, FaceBasis(head.name, expression_shape_names(head)))
-        try:
+        with reading(folder, "trained model; `make report` trains one"):
+            generator = load_face_model(folder, FaceBasis(head.name, expression_shape_names(head)))
             content = read_json(folder / "embedding.json", "JSON file")
             own, fps = validate_section("embed", EmbedSettings, content["settings"]), float(content["fps"])
-        except (OSError, ValueError, KeyError) as error:
-            raise InputError(f"{folder}: not a trained model ({error}); `make report` trains one") from None
         return cls(generator, encoder if own == settings else make_encoder(own), fps)
 
     def check(self, style: Sequence[StyleKey]) -> None:

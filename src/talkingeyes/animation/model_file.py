@@ -27,10 +27,11 @@ from pathlib import Path
 from typing import Any
 
 from talkingeyes.audio.encoder_transformers import LOCAL_FILES_ONLY
-from talkingeyes.core.containers import parse_json
+from talkingeyes.core.containers import parse_json, reading
 from talkingeyes.core.errors import InputError
 
 SCHEMA = "talkingeyes.model/1"
+PACKED = "folder of the train stage or file of `talkingeyes pack`"
 METADATA_KEY = "talkingeyes"
 ALLOW_PLUGINS = "TALKINGEYES_ALLOW_PLUGINS"
 FACE_MODEL_FOLDER = "probtalk3d"
@@ -114,11 +115,12 @@ def open_model(model: Path) -> Iterator[Path]:
             f"{model}: no trained model here; run `make repro` first, or name a folder of the train stage or one of "
             f"{', '.join(PACKAGED_MODELS)}"
         )
-    packed = read_packed_metadata(model)
-    _check_content(model, packed)
-    _check_encoder(model, packed.encoder)
     with tempfile.TemporaryDirectory(prefix="talkingeyes-") as place:
-        first = _unpack(model, packed, Path(place))
+        with reading(model, PACKED):
+            packed = read_packed_metadata(model)
+            _check_content(model, packed)
+            _check_encoder(model, packed.encoder)
+            first = _unpack(model, packed, Path(place))
         offline = LOCAL_FILES_ONLY.set(True)
         try:
             yield first
@@ -133,27 +135,13 @@ def read_packed_metadata(path: Path) -> PackedMetadata:
     """Read the metadata of a packed model. Raises InputError if it is damaged or another kind of file."""
     import safetensors
 
-    try:
+    with reading(path, PACKED):
         with safetensors.safe_open(path, "np") as file:
             metadata = file.metadata() or {}
         header = parse_json(metadata.get(METADATA_KEY, "{}"))
         if header.get("schema") != SCHEMA:
             raise InputError(f"{path}: should be a model of `talkingeyes pack` ({SCHEMA}), got {header.get('schema')}")
         packed = PackedMetadata(tuple(header["models"]), dict(header["files"]), dict(header["encoder"]))
-    except (
-        OSError,
-        ValueError,
-        KeyError,
-        TypeError,
-        AttributeError,
-        safetensors.SafetensorError,
-    ) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(
-            f"{path}: should be a folder of the train stage or a file of `talkingeyes pack`, got an unreadable file "
-            f"({error})"
-        ) from None
     if not packed.models or not all(MEMBER_PATTERN.fullmatch(f"{model}/x") for model in packed.models):
         raise InputError(f"{path}: models should be plain names, got {list(packed.models)}")
     return packed

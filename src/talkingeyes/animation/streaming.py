@@ -34,7 +34,7 @@ from talkingeyes.audio.encoder import EmbedSettings
 from talkingeyes.audio.streaming_prosody import StreamingProsody
 from talkingeyes.audio.waveform import LONGEST_S, SAMPLE_RATE
 from talkingeyes.core import rotation
-from talkingeyes.core.containers import read_json
+from talkingeyes.core.containers import read_json, reading
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Blink, Motion
 from talkingeyes.core.settings import validate_section
@@ -97,15 +97,12 @@ class LiveModel:
     @classmethod
     def load(cls, model: Path) -> LiveModel:
         """Load a folder of the train stage or a packed file. Raises InputError if it cannot be streamed."""
-        with open_model(model) as folder:
+        with open_model(model) as folder, reading(model, "trained model; `make report` trains one"):
             generator = load_generator(folder)
-            try:
-                content = read_json(folder / "embedding.json", "JSON file")
-                settings = validate_section("embed", EmbedSettings, content["settings"])
-                seen = read_json(folder / "blinks.json", "JSON file")["speakers"]["log_normal"]
-                corpus = BlinkProfile("lognormal", math.exp(seen["mean"]), seen["sd"])
-            except (OSError, ValueError, KeyError) as error:
-                raise InputError(f"{model}: not a trained model ({error}); `make report` trains one") from None
+            content = read_json(folder / "embedding.json", "JSON file")
+            settings = validate_section("embed", EmbedSettings, content["settings"])
+            seen = read_json(folder / "blinks.json", "JSON file")["speakers"]["log_normal"]
+            corpus = BlinkProfile("lognormal", math.exp(seen["mean"]), seen["sd"])
         if not isinstance(generator, NetworkGenerator):
             raise InputError(
                 f"{model}: should be a model for streams, such as data/train/talkingeyes_live, got a baseline"

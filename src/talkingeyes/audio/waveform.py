@@ -24,6 +24,7 @@ import soxr
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.core.containers import reading
 from talkingeyes.core.errors import InputError
 
 SAMPLE_RATE = 16_000
@@ -260,7 +261,8 @@ def _av_blocks(path: Path, container: Any, rate: int) -> Iterator[Float[ndarray,
 
 def _read(path: Path, as_mono: Callable[[Float[ndarray, "N C"]], Float[ndarray, " N"]]) -> Float[ndarray, " N"]:
     """The whole file at 16 kHz; `as_mono` makes one channel of a block."""
-    with _opened(path) as file, _open_stream(path, file) as source:
+    what = "sound; should be wav, flac, ogg, mp3 or m4a"
+    with _opened(path) as file, reading(path, what), _open_stream(path, file) as source:
         return _resampled(path, source, as_mono)
 
 

@@ -64,6 +64,8 @@ class Motion:
             array = getattr(self, name)
             if array.shape != shape:
                 raise InputError(f"motion: {name} should have shape {shape}, got {array.shape}")
+            if array.dtype.kind not in "fiub":
+                raise InputError(f"motion: {name} should hold numbers, got {array.dtype}")
             if not np.isfinite(array).all():
                 raise InputError(
                     f"motion: {name} should be finite, got NaN or infinite values; mark such frames as not valid"
@@ -134,12 +136,11 @@ class Motion:
             fps, names = float(content["fps"]), tuple(parse_json(str(content["expression_names"])))
         except (ValueError, TypeError) as error:
             raise InputError(f"{path}: fps should be a number and expression_names a list ({error})") from None
-        return cls(
-            fps=fps,
-            expression_names=names,
-            head_model=str(content["head_model"]),
-            **{name: content[name] for name in ARRAY_FIELDS},
-        )
+        arrays = {name: content[name] for name in ARRAY_FIELDS}
+        motion = cls(fps=fps, expression_names=names, head_model=str(content["head_model"]), **arrays)
+        if not len(motion):
+            raise InputError(f"{path}: should have frames, got none")
+        return motion
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,10 @@ import pyarrow as pa
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 from scipy.io import loadmat
-from scipy.io.matlab import MatReadError
 from scipy.ndimage import binary_dilation
 from scipy.spatial.transform import Rotation
 
-from talkingeyes.core.containers import read_csv
+from talkingeyes.core.containers import read_csv, reading
 from talkingeyes.core.errors import InputError
 
 FIXATION, SACCADE, OSCILLATION, PURSUIT, BLINK, UNDEFINED = range(1, 7)  # labels of Andersson et al.
@@ -82,13 +81,11 @@ class ConversationFixations:
 
 def read_andersson(path: Path) -> LabelledRecording:
     """Read one labelled .mat. Angles follow from the screen's size, resolution and distance in the file."""
-    try:
+    with reading(path, "recording of Andersson et al."):
         data = loadmat(path)["ETdata"][0, 0]
         samples = np.asarray(data["pos"], np.float64)
         size_m, pixels = (np.asarray(data[name], np.float64).ravel() for name in ("screenDim", "screenRes"))
         distance_m, fps = (float(np.squeeze(data[name])) for name in ("viewDist", "sampFreq"))
-    except (OSError, MatReadError, ValueError, KeyError, IndexError, TypeError) as error:
-        raise InputError(f"{path}: not a recording of Andersson et al. ({error!r})") from None
     at_px = samples[:, 3:5]
     lost = (at_px == 0).all(axis=1) | ~np.isfinite(at_px).all(axis=1)
     on_screen_m = (np.where(lost[:, None], pixels / 2, at_px) - pixels / 2) / pixels * size_m
@@ -105,7 +102,9 @@ def read_openface(path: Path) -> GazeRecording:
     time_s = _column(table, path, "timestamp")
     if len(time_s) < 2 or not (np.diff(time_s) > 0).all():
         raise InputError(f"{path}: should hold two or more frames of one face in order of time, got {len(time_s)}")
-    head = Rotation.from_euler("XYZ", np.stack([_column(table, path, f"pose_R{axis}") for axis in "xyz"], axis=1))
+    turns = np.stack([_column(table, path, f"pose_R{axis}") for axis in "xyz"], axis=1)
+    with reading(path, "OpenFace table"):
+        head = Rotation.from_euler("XYZ", turns)
     yaw, down = (_column(table, path, f"gaze_angle_{axis}") for axis in "xy")
     sure = (_column(table, path, "confidence") >= MIN_CONFIDENCE) & (_column(table, path, "success") > 0)
     return GazeRecording(
@@ -119,6 +118,8 @@ def read_openface(path: Path) -> GazeRecording:
 def read_conversation(path: Path) -> ConversationFixations:
     """Read the table of fixations in conversation."""
     table = _table(path)
+    for name in ("participant", "state"):
+        _check_column(table, path, name)
     x_px, y_px = (_column(table, path, f"center_{axis}_px") for axis in "xy")
     right_cm, down_cm = x_px * CONVERSATION_CM_PER_PX, y_px * CONVERSATION_CM_PER_PX
     return ConversationFixations(
@@ -140,10 +141,12 @@ def _table(path: Path) -> pa.Table:
     return table.rename_columns([name.strip() for name in table.column_names])  # OpenFace puts spaces before names
 
 
-def _column(table: pa.Table, path: Path, name: str) -> Float[ndarray, " T"]:
-    if name not in table.column_names:
+def _check_column(table: pa.Table, path: Path, name: str) -> None:
+    if table.column_names.count(name) != 1:
         raise InputError(f"{path}: should have a column {name}, got {', '.join(table.column_names[:6])}, ...")
-    try:
+
+
+def _column(table: pa.Table, path: Path, name: str) -> Float[ndarray, " T"]:
+    _check_column(table, path, name)
+    with reading(path, f"table whose column {name} holds numbers"):
         return np.asarray(table[name].to_numpy(), np.float64)
-    except ValueError:
-        raise InputError(f"{path}: column {name} should hold numbers") from None

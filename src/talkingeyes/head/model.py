@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 from talkingeyes.core.atomic_file import atomic_write
-from talkingeyes.core.containers import read_npz
+from talkingeyes.core.containers import read_npz, reading
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.npz import save_npz
 
@@ -135,12 +135,15 @@ def load_head(path: Path) -> HeadModel:
     missing = [name for name in needed if name not in content]
     if str(content.get("schema", "none")) != SCHEMA or missing:
         raise InputError(f"{path}: should be a head of schema {SCHEMA}, got {content.get('schema', 'none')} {missing}")
-    arrays: dict[str, Any] = {name: _plain(content[name]) for name in names}
-    points: dict[str, Any] = {
-        name: Landmarks(_texts(content[f"{name}_names"]), content[f"{name}_corners"], content[f"{name}_barycentric"])
-        for name in LANDMARK_SETS
-    }
-    return HeadModel(**points, **arrays)
+    with reading(path, "head"):
+        arrays: dict[str, Any] = {name: _plain(content[name]) for name in names}
+        points: dict[str, Any] = {
+            name: Landmarks(
+                _texts(content[f"{name}_names"]), content[f"{name}_corners"], content[f"{name}_barycentric"]
+            )
+            for name in LANDMARK_SETS
+        }
+        return HeadModel(**points, **arrays)
 
 
 LANDMARK_FIELDS = tuple(field.name for field in fields(Landmarks))

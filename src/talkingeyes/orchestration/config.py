@@ -110,7 +110,8 @@ def compose(overrides: Sequence[str] = ()) -> dict[str, Any]:
     from hydra import initialize_config_dir
     from omegaconf import OmegaConf
 
-    with one_line_hydra_errors(), initialize_config_dir(str(CONFIG_DIR), version_base="1.3"):
+    # Strange overrides raise anything inside Hydra.
+    with one_line_hydra_errors(Exception), initialize_config_dir(str(CONFIG_DIR), version_base="1.3"):
         params = OmegaConf.to_container(hydra_compose("config", overrides=quote_texts(overrides)), resolve=True)
     return validate_config(params)
 
@@ -144,15 +145,17 @@ def _has_several_values(override: str) -> bool:
 
 
 @contextmanager
-def one_line_hydra_errors() -> Iterator[None]:
-    """Convert errors of Hydra and OmegaConf to an InputError of one line."""
+def one_line_hydra_errors(*others: type[Exception]) -> Iterator[None]:
+    """Convert errors of Hydra and OmegaConf, and others of these types, to an InputError of one line."""
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
     try:
         yield
-    except (HydraException, OmegaConfBaseException) as error:
-        raise InputError(str(error)) from None
+    except InputError:
+        raise
+    except (HydraException, OmegaConfBaseException, *others) as error:
+        raise InputError(str(error) or type(error).__name__) from None
 
 
 def validate_config(params: Any) -> dict[str, Any]:

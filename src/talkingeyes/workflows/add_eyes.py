@@ -20,6 +20,7 @@ from talkingeyes.animation.controls import Controls
 from talkingeyes.animation.line_of_sight import check_forward_axis, to_forward_axes
 from talkingeyes.audio.waveform import SAMPLE_RATE, SHORTEST_S
 from talkingeyes.core.atomic_file import atomic_write, writing
+from talkingeyes.core.containers import reading
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import ARRAY_FIELDS, Events, Motion
 from talkingeyes.workflows.animate import (
@@ -125,7 +126,8 @@ def edit_face(
     sampled = sample_animations(performer, fitted, asked)[0]
     animation = replace(sampled, motion=sampled.motion.cut(0, frames))
     shown = to_forward_axes(animation.motion, file.forward_axis)
-    content = file.editor.edited(AddedEyes(shown, with_head, options.blend))
+    with reading(file.path, f"{file.format} file that can be edited"):
+        content = file.editor.edited(AddedEyes(shown, with_head, options.blend))
     written = file.read_back(content)
     if options.blend > 0 and not (written.gaze.any() or written.lid.any()):
         notes += ("no eyes are read in the written file: its readers know no place for them",)

@@ -17,7 +17,7 @@ from pathlib import Path
 from talkingeyes.apps.study.answers import AnswerDatabase
 from talkingeyes.apps.study.counterbalancing import ATTENTION_CHECK, Pair, assign_pairs
 from talkingeyes.apps.study.design import Design
-from talkingeyes.core.containers import read_json
+from talkingeyes.core.containers import read_json, reading
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
 
@@ -76,14 +76,12 @@ class Study:
         """Read a study. Raises InputError if it is invalid, or lacks a film."""
         path = root / "study.json"
         content = read_json(path, "study")
-        try:
+        with reading(path, "study; `talkingeyes study make` writes one"):
             if content["schema"] != SCHEMA:
                 raise ValueError(f"schema should be {SCHEMA}")
             clips = {str(name): tuple(map(str, pool)) for name, pool in content["clips"].items()}
             study = cls(root, validate_section(str(path), Design, content["design"]), int(content["seed"]), clips)
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise InputError(f"{path}: not a readable study ({error!r}); `talkingeyes study make` writes one") from None
-        missing = [name for name in study.films if not study.film(name).is_file()]
+            missing = [name for name in study.films if not study.film(name).is_file()]
         if missing:
             raise InputError(f"{root}: should hold {len(study.films)} films, got none called {missing[0]}.mp4")
         return study

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from talkingeyes.animation.line_of_sight import to_forward_axes
+from talkingeyes.core.containers import reading
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats.editors import flame, gltf, json_text, table
@@ -84,11 +85,7 @@ def open_face_file(
         "arkit": lambda: json_text.open_json(path, fps),
         "gltf": lambda: gltf.open_gltf_file(path, own, joints, animation),
     }
-    try:
+    with reading(path, f"{read.format} file that can be edited"):
         editor = editors.get(read.format, lambda: table.open_table(path, read.format, fps))()
-    except (ValueError, KeyError, IndexError, TypeError) as error:  # errors that no editor handles
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: not a {read.format} file that can be edited ({error!r})") from None
     notes = editor.rig.notes if isinstance(editor, gltf.GltfFile) else ()
     return FaceFile(path, read.format, read.motion, forward_axis, editor, reader, notes)

@@ -6,7 +6,6 @@ shapes of the Eyelid model, closure is computed from the weight of its blink sha
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.core.containers import reading
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
@@ -41,15 +41,11 @@ def read_gltf(
     `joints` are names of nodes by joint, where the file's own are unknown; `animation` is the name of one of several.
     Raises InputError (one line) if it holds no animation of a head.
     """
-    try:
+    with reading(path, "GLB with an animation"):
         rig = open_rig(path, joints, animation)
         is_vrm = VRM_ANIMATION in rig.document.content.get("extensions", {})
         read = _vrm(rig, fps) if is_vrm else _head(rig, fps)
         return replace(read, notes=(*rig.notes, *read.notes))
-    except (OSError, KeyError, IndexError, TypeError, ValueError, struct.error) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: not a GLB with an animation ({error!r})") from None
 
 
 def _head(rig: Rig, fps: float | None) -> NotedMotion:

@@ -91,14 +91,7 @@ def read_motion(
         motion = from_forward_axes(motion, forward_axis)
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
-    except (
-        ValueError,
-        KeyError,
-        IndexError,
-        TypeError,
-        OverflowError,
-        MemoryError,
-    ) as error:  # errors that no reader handles
+    except Exception as error:  # a damaged file can raise anything in a reader
         raise InputError(f"{path}: not readable as {name} ({error!r})") from None
     return ImportedMotion(motion, name, tuple(notes))
 
