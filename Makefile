@@ -31,14 +31,14 @@ help:  ## This list
 
 setup: $(VENV)/.stamp  ## Install everything into .venv (done by the others when needed)
 
-# torch alone first, then the lock without looking at declared bounds (some are stale), then this package. Nothing is
+# torch alone first, then the lock, by its hashes and without looking at declared bounds (some are stale), then this package. Nothing is
 # compiled beforehand: most modules are never imported, and it takes a minute.
 $(VENV)/.stamp: requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || \
 		{ echo "error: Python 3.11 is needed, got $$($(PYTHON) --version 2>&1); say make PYTHON=/path/to/python3.11" >&2; exit 2; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || { echo "error: $(PYTHON) cannot make virtual environments; Debian has them in python3-venv" >&2; exit 2; }
 	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check $(TORCH)
-	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --no-deps -r requirements.lock
+	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --no-deps --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
@@ -114,8 +114,11 @@ bench: setup  ## Measure speed and memory: benchmarks/*.py, each prints a table
 		echo "== $$name"; $(BIN)/python -m benchmarks.$$name || failed="$$failed $$name"; \
 	done; if [ "$$failed" ]; then echo "failed:$$failed" >&2; exit 1; fi
 
-wheel: setup  ## Build dist/talkingeyes-*.whl, with the packaged models and the open head
+wheel: setup  ## Build dist/talkingeyes-*.whl, with the packaged models and the open head, and its SBOM
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes --upgrade --target build/cyclonedx -r docs/sbom.lock
+	PYTHONPATH=build/cyclonedx $(BIN)/python -m cyclonedx_py environment --no-validate --output-reproducible --pyproject pyproject.toml \
+		-o dist/talkingeyes.cdx.json $(BIN)/python
 	@ls -l dist/talkingeyes-*.whl
 
 packaged-models: models ?= data/train
@@ -156,7 +159,7 @@ ui: setup  ## Register the default model; compare runs in the browser, at 127.0.
 		--backend-store-uri sqlite:///"$$(realpath -m $(call quoted,workspace))"/mlflow.db
 
 docs: setup  ## Build the docs site: build/site/index.html
-	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --no-deps -r docs/requirements.lock
+	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --no-deps --require-hashes -r docs/requirements.lock
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 
 clean:  ## Remove what runs left in build/ and the caches of tools; data/ and .venv stay

@@ -18,6 +18,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from pipelines.experiment import stage_order
+from pipelines.results import licences
 from talkingeyes.animation.pipeline import CAUSAL_STEPS, STEPS
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose, format_params
@@ -241,13 +242,22 @@ def test_every_top_level_dependency_imports(repository):
 
 
 def test_the_lock_satisfies_pyproject(repository):
-    lines = (repository / "requirements.lock").read_text().splitlines()
-    lock = dict(line.split("==") for line in lines if not line.startswith("#"))
+    lock = dict(licences.LOCKED.findall((repository / licences.LOCK).read_text()))
     lock["torch"] = re.search(r"torch==(\S+)", (repository / "Makefile").read_text())[1]
     lock = {canonicalize_name(name): version for name, version in lock.items()}
     for requirement in top_level(repository):
         version = lock[canonicalize_name(requirement.name)]
         assert requirement.specifier.contains(version), f"{requirement} is locked at {version}"
+
+
+@pytest.mark.parametrize("name", ["requirements.lock", "docs/requirements.lock", "docs/sbom.lock"])
+def test_every_locked_package_has_hashes(repository, name):
+    entries = re.sub(r"#.*\n", "", (repository / name).read_text()).replace("\\\n", " ").splitlines()
+    assert all(re.fullmatch(r"\S+==\S+(\s+--hash=sha256:[0-9a-f]{64})+", each) for each in entries)
+
+
+def test_every_locked_package_has_a_licence(repository):
+    assert licences.page((repository / licences.LOCK).read_text()) == (repository / licences.PAGE).read_text()
 
 
 def test_no_dependency_sends_telemetry(repository, monkeypatch):
