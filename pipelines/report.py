@@ -106,7 +106,7 @@ REQUIREMENTS = """### What a model must reach
 
 Margins (motion is like motion, whatever the sound) and ties (it follows its sound); bold: missed. Random and Mismatched
 have the margins without a tie, a conditional mean ties without margins. Motion looked up in the training data by
-loudness has most of both: learnt is what lies beyond the better lookup, with the whole interval. Gaze at rest is
+loudness can have both: learnt is what lies beyond the better lookup, with the whole interval. Gaze at rest is
 compared with fitted motion, the training target; true gaze trembles between saccades and rests less. Ratios of averted
 gaze are of test and unseen together. Bounds are choices of this project, set when figures of an earlier run on test and
 unseen were known. The bound of ties rose from 0.5 to 0.6 when Similar Sample came near it with more training sounds.

@@ -291,7 +291,6 @@ def test_baselines_miss_what_models_must_reach(repository):
         name: {each["requirement"] for each in column if each["missed_by_interval"]} for name, column in found.items()
     }
     ties = {each["requirement"] for each in found["random"] if each["kind"] == "tie"}
-    assert not any(each["met"] for row in LOOKUPS for each in found.get(row, ()) if each["kind"] == LEARNT)
     assert len(ties) == 8
     for name in ("random", "untrained"):
         assert ties <= missed[name], name

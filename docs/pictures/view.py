@@ -11,9 +11,10 @@ import sys
 import tempfile
 from pathlib import Path
 
+from tests.browser import open_browser
+
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus, shard_path
-from tests.browser import open_browser
 
 MOMENT_S, SAMPLES, SIZE = 4.4, 2, (1500, 1010)
 

@@ -29,7 +29,7 @@ from talkingeyes.apps.study.results import BOOTSTRAP
 from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import gaze_to_angles
-from talkingeyes.evaluation.bootstrap import Statistic, bootstrap
+from talkingeyes.evaluation.bootstrap import bootstrap, mean_statistic
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.landmark_definitions import EYE_LANDMARKS
 from talkingeyes.head.model import HeadModel
@@ -83,15 +83,12 @@ def median_errors_deg(name: str, seen: Float[ndarray, "T 2"], motion: Motion) ->
     return np.asarray(np.median(np.abs(mapped - true[1::2]), axis=0))
 
 
-def _mean_over(values: Float[ndarray, " C"]) -> Statistic:
-    return lambda clips: float(values[clips].mean())
-
-
 def main() -> None:
     """Print a row per observer and axis."""
     sounds = [Path(sound) for sound in sys.argv[1:]] or [package_file(EXAMPLE_SPEECH)]
-    motions = [te.animate(sounds[seed % len(sounds)], seed=seed).motion.cut(FRAMES.start, FRAMES.stop)
-               for seed in range(CLIPS)]  # fmt: skip
+    motions = [
+        te.animate(sounds[seed % len(sounds)], seed=seed).motion.cut(FRAMES.start, FRAMES.stop) for seed in range(CLIPS)
+    ]
     heads = {"following": anny_head(), "static": static_lids(anny_head())}
     seen = {name: [observed_deg(motion, head) for motion in motions] for name, head in heads.items()}
     angles = np.degrees(np.concatenate([gaze_to_angles(motion.gaze).mean(axis=1) for motion in motions]))
@@ -99,13 +96,17 @@ def main() -> None:
     print(f"{'observer':<20}{'error of':<10}{'following':>10}{'static':>10}{'static - following':>26}{'worse':>8}")
     for observer in ("Eyelid capture", "LightGazeFit", IRIS):
         errors = {
-            name: np.array([median_errors_deg(observer, each[observer], motion)
-                            for each, motion in zip(clips, motions, strict=True)])
+            name: np.array(
+                [
+                    median_errors_deg(observer, each[observer], motion)
+                    for each, motion in zip(clips, motions, strict=True)
+                ]
+            )
             for name, clips in seen.items()
-        }  # fmt: skip
+        }
         more = errors["static"] - errors["following"]
         for axis, angle in enumerate(("yaw", "pitch")):
-            found = bootstrap(_mean_over(more[:, axis]), CLIPS, BOOTSTRAP)
+            found = bootstrap(mean_statistic(more[:, axis]), CLIPS, BOOTSTRAP)
             print(
                 f"{observer:<20}{angle:<10}{errors['following'][:, axis].mean():10.2f}"
                 f"{errors['static'][:, axis].mean():10.2f}{found.value:10.2f} ({found.low:5.2f} to {found.high:5.2f})"

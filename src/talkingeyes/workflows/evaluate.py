@@ -10,11 +10,11 @@ on the corpus, its frozen networks add Corr. for the sounds, and the distances t
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -38,6 +38,7 @@ from talkingeyes.orchestration.run import parallel_map
 if TYPE_CHECKING:
     from talkingeyes.evaluation.measures.evaluators import Evaluators
 
+T = TypeVar("T")
 OUTPUT_FILES = re.compile(r"benchmark\.(json|csv)|strip\.png")
 HELD_OUT = ("test", "unseen")
 SOUNDS = (".wav", ".flac", ".ogg", ".mp3", ".m4a")
@@ -330,17 +331,17 @@ def _behaviours(
     paths: Sequence[Path], annotation: Annotation | None, reference: Behaviour | None, notes: list[str]
 ) -> Iterator[Behaviour]:
     """All motions of the files; unreadable files are noted."""
+    return read_noted(paths, lambda each: behaviour(each.fps, each.fields, each.valid, annotation, reference), notes)
+
+
+def read_noted(paths: Iterable[Path], convert: Callable[[MotionFields], T], notes: list[str]) -> Iterator[T]:
+    """What is made of each motion of the files; a file that cannot be read or converted is noted."""
     for path in paths:
         try:
-            for motion in read_motions(path):
-                yield _behaviour(motion, annotation, reference)
+            yield from map(convert, read_motions(path))
         except InputError as error:
             text = str(error)
             notes.append(text if str(path) in text else f"{path}: {text}")
-
-
-def _behaviour(motion: MotionFields, annotation: Annotation | None, reference: Behaviour | None) -> Behaviour:
-    return behaviour(motion.fps, motion.fields, motion.valid, annotation, reference)
 
 
 def annotate_sound(sound: Path | None) -> Annotation | None:

@@ -20,7 +20,7 @@ import numpy as np
 from talkingeyes.core import output_folder
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.motion_files import MotionFields, motion_files, read_motions
+from talkingeyes.corpus.motion_files import MotionFields, motion_files
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.detectors.behaviour import behaviour
@@ -28,7 +28,7 @@ from talkingeyes.evaluation.measures.pooled import speaking_turns
 from talkingeyes.evaluation.people.conversations import RATE_HZ, ConversationGaze, Turns, read_conversations
 from talkingeyes.evaluation.people.timing import compare_timing, timing_table
 from talkingeyes.evaluation.text_tables import aligned
-from talkingeyes.workflows.evaluate import CONFIDENCE_LEVEL, MAX_NOTES, EvaluatedSound
+from talkingeyes.workflows.evaluate import CONFIDENCE_LEVEL, MAX_NOTES, EvaluatedSound, read_noted
 from talkingeyes.workflows.evaluate_people import MOTIONS, RANDOM, TRUTH, check_request, true_files, usable_sounds
 
 OUTPUT_FILES = re.compile(r"timing\.json")
@@ -142,13 +142,7 @@ def _baselines(
 
 def _gazes(paths: Sequence[Path], unit: str, turns: Turns, notes: list[str]) -> Iterator[ConversationGaze]:
     """The gaze of all motions of the files; unreadable files are noted."""
-    for path in paths:
-        try:
-            for motion in read_motions(path):
-                yield motion_gaze(motion, unit, turns)
-        except InputError as error:
-            text = str(error)
-            notes.append(text if str(path) in text else f"{path}: {text}")
+    return read_noted(paths, lambda each: motion_gaze(each, unit, turns), notes)
 
 
 def motion_gaze(motion: MotionFields, unit: str, turns: Turns) -> ConversationGaze:

@@ -2,8 +2,8 @@
 
 Margins say that motion is like motion, whatever the sound; ties say that it follows its sound. Random and Mismatched
 have the margins of true motion and no tie, a conditional mean the ties and no margins: only both together say
-something, so a row is as good as what it misses. Motion that is looked up in the training data by its loudness meets
-most of both. What a model has learnt is therefore what it knows beyond the better of two lookups (models/replay.py).
+something, so a row is as good as what it misses. Motion that is looked up in the training data by its loudness can meet
+both. What a model has learnt is therefore what it knows beyond the better of two lookups (models/replay.py).
 All bounds are choices of this project.
 
 `report_summary` is the report in at most 25 lines of plain text.
