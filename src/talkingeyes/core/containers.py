@@ -46,7 +46,8 @@ def reading(path: Path, what: str) -> Iterator[None]:
     """Errors inside the block become one InputError that names the file and what it should be."""
     try:
         yield
-    except InputError:
+    # A package that only an extra installs is no fault of the file.
+    except (InputError, ModuleNotFoundError):
         raise
     except OSError as error:
         raise InputError(f"{path}: not a readable {what} ({error.strerror or error})") from None
