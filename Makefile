@@ -24,7 +24,7 @@ export PATH := $(abspath $(BIN)):$(PATH)
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo repro report params test check tiny sweep bench wheel packaged-models release-models release-report face tables reference-ranges real-videos ui docs clean
+.PHONY: help setup demo repro report params test check tiny sweep bench reliability wheel packaged-models release-models release-report face tables reference-ranges real-videos ui docs clean
 
 help:  ## This list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -113,6 +113,11 @@ bench: setup  ## Measure speed and memory: benchmarks/*.py, each prints a table
 	@failed=; for script in benchmarks/*.py; do name=$$(basename $$script .py); \
 		echo "== $$name"; $(BIN)/python -m benchmarks.$$name || failed="$$failed $$name"; \
 	done; if [ "$$failed" ]; then echo "failed:$$failed" >&2; exit 1; fi
+
+RELIABILITY = PYTHONPATH=.:tests:tests/helpers $(BIN)/python tests/reliability
+reliability: setup  ## Damage files of every kind, and disturb commands at random moments: some hours, printed last is what failed
+	$(RELIABILITY)/fuzz.py --mutations $(or $(mutations),300) --seed $(or $(seed),0) --keep build/reliability
+	$(RELIABILITY)/interruptions.py --kills $(or $(kills),100) --seed $(or $(seed),0)
 
 wheel: setup  ## Build dist/talkingeyes-*.whl, with the packaged models and the open head, and its SBOM
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist .

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from talkingeyes.core.containers import read_json
-from talkingeyes.core.errors import InputError
+from talkingeyes.core.containers import read_json, reading
+from talkingeyes.core.settings import validate_record
 
 # The classes of 3DMEAD (ProbTalk3D, section 3.1); neutral has intensity 0, the others 1 (weak) to 3 (strong).
 EMOTIONS = ("neutral", "happy", "sad", "surprised", "fear", "disgusted", "angry", "contempt")
@@ -90,17 +91,12 @@ class Annotation:
     def load(cls, path: Path) -> Annotation:
         """Read JSON written by `save`; an absent key stays empty. Raises InputError if it is not an annotation."""
         content = read_json(path, "annotation")
-        try:
-            return cls(**{name: _read(name, value) for name, value in content.items()})
-        except (ValueError, AttributeError, TypeError) as error:
-            raise InputError(f"{path}: not a readable annotation ({error!r})") from None
+        with reading(path, "annotation"):
+            found = validate_record(cls, content)
+            if not all(math.isfinite(span.start_s) and math.isfinite(span.end_s) for span in _spans(found)):
+                raise ValueError("times should be finite")
+        return found
 
 
-def _read(name: str, value: Any) -> Any:
-    """The value of one key: spans, phonemes, or a plain value."""
-    if name in ("emotion", "intensity"):
-        return value
-    if not isinstance(value, list):
-        raise TypeError(f"{name} should be a list")
-    kind = Phoneme if name == "phonemes" else Span
-    return tuple(kind(**row) for row in value)
+def _spans(annotation: Annotation) -> Iterator[Span | Phoneme]:
+    return (span for value in vars(annotation).values() if isinstance(value, tuple) for span in value)

@@ -43,9 +43,10 @@ HEADER_READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_head
 
 @contextmanager
 def reading(path: Path, what: str) -> Iterator[None]:
-    """Errors inside the block become one InputError that names the file and what it should be."""
+    """Errors inside the block become one InputError that names the file and what it should be; numpy does not warn."""
     try:
-        yield
+        with np.errstate(all="ignore"):
+            yield
     # A package that only an extra installs is no fault of the file.
     except (InputError, ModuleNotFoundError):
         raise
@@ -228,6 +229,8 @@ def _read_array(stream: io.BufferedIOBase, size: int) -> ndarray:
         raise ValueError("an array is cut off, or of an unknown version")
     shape, by_columns, dtype = read_header(header)
     count = math.prod(shape)
+    if dtype.kind not in "fiubUS":
+        raise ValueError(f"an array should hold numbers or text, got {dtype}")
     if min(shape, default=0) < 0 or count * dtype.itemsize > size - header.tell():
         raise ValueError(f"an array claims shape {shape} of {dtype}, got {size:,} bytes")
     return np.frombuffer(content, dtype, count, header.tell()).reshape(shape, order="F" if by_columns else "C")

@@ -64,8 +64,9 @@ class Motion:
             array = getattr(self, name)
             if array.shape != shape:
                 raise InputError(f"motion: {name} should have shape {shape}, got {array.shape}")
-            if array.dtype.kind not in "fiub":
-                raise InputError(f"motion: {name} should hold numbers, got {array.dtype}")
+            if array.dtype.kind not in ("b" if name == "valid" else "fiub"):
+                kind = "true or false" if name == "valid" else "numbers"
+                raise InputError(f"motion: {name} should hold {kind}, got {array.dtype}")
             if not np.isfinite(array).all():
                 raise InputError(
                     f"motion: {name} should be finite, got NaN or infinite values; mark such frames as not valid"

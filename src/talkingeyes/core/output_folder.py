@@ -9,6 +9,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from talkingeyes.core.atomic_file import partial_path
 from talkingeyes.core.errors import InputError
 
 
@@ -37,12 +38,21 @@ def output_path(out: Path, own_file_pattern: re.Pattern[str], force: bool) -> Pa
 def atomic_folder(folder: Path) -> Iterator[Path]:
     """Yield a new folder beside the target, which replaces the target if the block succeeds."""
     folder.parent.mkdir(parents=True, exist_ok=True)
-    partial = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
+    partial = partial_path(folder)
     try:
         partial.mkdir()
         yield partial
-        if folder.exists():
-            shutil.rmtree(folder)
-        partial.rename(folder)
+        replace_folder(folder, partial)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def replace_folder(folder: Path, by: Path) -> None:
+    """Move a folder to the place of another, which is never there in part."""
+    former = partial_path(folder.with_name(f"{folder.name}.former"))
+    if os.path.lexists(folder):
+        folder.rename(former)
+    by.rename(folder)
+    if former.is_symlink():
+        former.unlink()
+    shutil.rmtree(former, ignore_errors=True)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import pydantic
 from pydantic import BaseModel, ConfigDict
@@ -27,6 +28,7 @@ class ComponentSettings(Settings):
 
 
 S = TypeVar("S", bound=Settings)
+D = TypeVar("D")
 
 
 def bounds_error(requirement: str, value: object) -> PydanticCustomError:
@@ -85,6 +87,19 @@ def validate_section(section: str, kind: type[S], node: Any) -> S:
         return kind.model_validate(node)
     except pydantic.ValidationError as error:
         raise InputError(_line(section, error, node)) from None
+
+
+def validate_record(kind: type[D], content: Any) -> D:
+    """A dataclass from the content of a file. Raises ValueError: one line with the first key of another type."""
+    try:
+        return cast(D, _adapter(cast(Any, kind)).validate_python(content))
+    except pydantic.ValidationError as error:
+        raise ValueError(_line("", error, content)) from None
+
+
+@cache
+def _adapter(kind: Any) -> Any:
+    return pydantic.TypeAdapter(kind)
 
 
 def _line(section: str, error: pydantic.ValidationError, node: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -9,9 +10,10 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from talkingeyes.core.containers import read_parquet
+from talkingeyes.core.containers import read_parquet, reading
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.file_name import FILE_NAME
+from talkingeyes.core.settings import validate_record
 
 SPLITS = ("train", "val", "test", "unseen")
 FILE_COLUMNS = ("id", "sound", "speaker")
@@ -51,8 +53,12 @@ def write_index(path: Path, clips: Iterable[Clip]) -> None:
 def read_index(path: Path) -> list[Clip]:
     """Read clips.parquet. Raises InputError if it is missing, not parquet, lacks a column, or has an unsafe name."""
     required = [field.name for field in fields(Clip) if field.name != GIVEN_NAME]
-    clips = [Clip(**row) for row in read_parquet(path, required, "corpus index", optional=(GIVEN_NAME,))]
+    rows = read_parquet(path, required, "corpus index", optional=(GIVEN_NAME,))
+    with reading(path, "corpus index"):
+        clips = [validate_record(Clip, row) for row in rows]
     for clip in clips:
+        if not (math.isfinite(clip.seconds) and clip.seconds > 0 and math.isfinite(clip.fps) and clip.fps > 0):
+            raise InputError(f"{path}: seconds and fps should be above 0, got {clip.seconds} and {clip.fps}")
         for column in FILE_COLUMNS:
             if not FILE_NAME.fullmatch(name := str(getattr(clip, column))):
                 raise InputError(f"{path}: {column} should be letters, digits, _ . + and -, got {name!r}")

@@ -379,7 +379,7 @@ class _Scene:
         wrong = eye > face
         eye, face = np.where(wrong, total, eye), np.where(wrong, total, face)
         residual = (self.bias - face[:, None]) * self.weight + opening * (face - eye)[:, None]
-        spread = (((self.bias - total[:, None]) ** 2) * self.weight).sum(axis=1)
+        spread = np.maximum((((self.bias - total[:, None]) ** 2) * self.weight).sum(axis=1), np.float32(1e-9))
         return residual / np.sqrt(spread)[:, None], (residual**2).sum(axis=1) / spread
 
     def red_residual(

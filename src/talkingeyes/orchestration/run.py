@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from talkingeyes.core.errors import InputError
+from talkingeyes.core.output_folder import replace_folder
 from talkingeyes.core.progress import progress_bar
 from talkingeyes.core.settings import Settings, validate_section
 from talkingeyes.orchestration.mlflow_logging import MethodResult, Report, log_run
@@ -153,8 +154,7 @@ class Workspace:
             if fingerprint is None:
                 shutil.rmtree(partial, ignore_errors=True)
             raise
-        shutil.rmtree(final, ignore_errors=True)
-        partial.rename(final)
+        replace_folder(final, partial)
 
 
 def code_digest(rooms: Iterable[str]) -> str:

@@ -44,6 +44,8 @@ def probe_video(path: Path) -> VideoInfo:
     """Read the metadata of a container. Raises InputError if it is not a video."""
     with open_video(path) as container:
         stream = container.streams.video[0]
+        if stream.codec_context is None:
+            raise InputError(f"{path}: should hold a video in a known coding")
         seconds = float(container.duration / 1e6) if container.duration else 0.0
         size = stream.codec_context
         return VideoInfo(

@@ -24,6 +24,7 @@ from talkingeyes.evaluation.bootstrap import (
     percentile_interval,
     resample_indices,
 )
+from talkingeyes.evaluation.detectors.behaviour import FIELDS as MOTION_FIELDS
 from talkingeyes.evaluation.detectors.behaviour import Behaviour
 from talkingeyes.evaluation.measures.distribution import WindowFeatures, sample_windows
 from talkingeyes.evaluation.measures.metric import HIGHER, LOWER, Metric, Sums, Totals
@@ -72,15 +73,21 @@ def extract(motions: Sequence[Behaviour]) -> Float[ndarray, " K"]:
     """All sums over the motions of one sound, as a flat vector."""
     flat = np.zeros(LAYOUT.size)
     for extractor in EXTRACTORS:
-        if extractor.together and motions and all(all(map(motion.has, extractor.needs)) for motion in motions):
+        if extractor.together and motions and all(_has(motion, need) for motion in motions for need in extractor.needs):
             _add(flat, extractor.extract(motions))
     for motion in motions:
-        has = {field: motion.has(field) for field in FIELDS}
+        has = {field: _has(motion, field) for field in FIELDS}
         flat[: len(FIELDS)] += list(has.values())
         for extractor in EXTRACTORS:
             if not extractor.together and all(has[field] for field in extractor.needs):
                 _add(flat, extractor.extract(motion))
     return flat
+
+
+def _has(motion: Behaviour, field: str) -> bool:
+    """Whether a motion, and the one that it is compared with, have a field."""
+    other = motion.reference if field in MOTION_FIELDS else None
+    return motion.has(field) and (other is None or other.has(field))
 
 
 def _add(flat: Float[ndarray, " K"], sums: Sums) -> None:

@@ -81,14 +81,15 @@ def read_motion(
 
         reader = partial(read_gltf, joints=check_joints(joints or {}), animation=animation)
     try:
-        read = reader(path, fps)
-        motion, said = (read.motion, read.notes) if isinstance(read, NotedMotion) else (read, ())
-        forward_axis = check_forward_axis(eyes or default_forward_axis(path, name))
-        notes = [*said, *check_motion(path, motion)]
-        if motion.gaze.any():
-            stated = eyes is None and bool(stated_forward_axis(path, name))
-            notes.append(f"eyes {'stated' if stated else 'taken'} as {FORWARD_AXIS_NOTES[forward_axis]}")
-        motion = from_forward_axes(motion, forward_axis)
+        with np.errstate(all="ignore"):  # values are checked
+            read = reader(path, fps)
+            motion, said = (read.motion, read.notes) if isinstance(read, NotedMotion) else (read, ())
+            forward_axis = check_forward_axis(eyes or default_forward_axis(path, name))
+            notes = [*said, *check_motion(path, motion)]
+            if motion.gaze.any():
+                stated = eyes is None and bool(stated_forward_axis(path, name))
+                notes.append(f"eyes {'stated' if stated else 'taken'} as {FORWARD_AXIS_NOTES[forward_axis]}")
+            motion = from_forward_axes(motion, forward_axis)
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
     except Exception as error:  # a damaged file can raise anything in a reader

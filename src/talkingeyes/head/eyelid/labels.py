@@ -99,7 +99,11 @@ def load_labels(path: Path) -> EyelidLabels:
 
 def _error(path: Path, text: str, place: Sequence[str | int], said: str) -> InputError:
     """The error at a place of the content, with its line: JSON is YAML, whose parser knows the lines."""
-    node: Any = yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    keys = ".".join(str(step) for step in place) or "the file"
+    try:
+        node: Any = yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except yaml.YAMLError:  # some escapes of JSON are none of YAML
+        return InputError(f"{path}: {keys}: {said}")
     for step in place:
         if isinstance(node, yaml.MappingNode):
             found = next((value for key, value in node.value if key.value == step), None)
@@ -110,5 +114,4 @@ def _error(path: Path, text: str, place: Sequence[str | int], said: str) -> Inpu
         if found is None:
             break
         node = found
-    keys = ".".join(str(step) for step in place) or "the file"
     return InputError(f"{path}:{node.start_mark.line + 1}: {keys}: {said}")

@@ -46,6 +46,8 @@ LABEL_SD_M = 0.0003  # error of a labelled point
 DEPTH_SD_M = 0.002  # of a curve from that of the open head
 RADIUS_SD_M = 0.0003  # of the iris radius of people (Hashemi et al. 2015: 11.8 mm white to white, +-0.5)
 CORNER_WEIGHT = 3.0  # of the ends of a lid, which correspond in all views
+MAX_VALUE = 1e3  # of a model in a file: metres, radians, closures and their ratios
+LID_WIDTH_M = (0.01, 0.1)
 SAMPLES = 41  # of a Bezier curve
 GAZE_GRID_RAD = np.radians([[yaw, pitch] for yaw in range(-40, 41, 10) for pitch in range(-30, 31, 10)])
 BOUNDS_M, BOUNDS_RAD = 0.03, 1.5  # of the eye's centre from the open head's, of gaze
@@ -76,6 +78,11 @@ class EyelidPerson:
             save_npz(partial, **arrays)
 
 
+def _are_plausible(values: ndarray) -> bool:
+    """Numbers of the size of metres, radians and closures."""
+    return bool(values.dtype.kind in "fiu" and np.isfinite(values).all() and (np.abs(values) < MAX_VALUE).all())
+
+
 def load_person(path: Path) -> EyelidPerson:
     """Read npz written by `EyelidPerson.save`. Raises InputError if it is not one."""
     shapes = {"eye_centre": (3,), "iris_radius_m": (), "rest": (POINTS, 3), "centre": (4,), "weights": (4, POINTS, 3),
@@ -84,8 +91,13 @@ def load_person(path: Path) -> EyelidPerson:
     file = read_npz(path, names, "Eyelid model (`talkingeyes eyelid fit`)")
     for name in names:
         shape = shapes[name.partition("_")[2]]
-        if name not in file or file[name].shape != shape or not np.isfinite(file[name]).all():
+        if name not in file or file[name].shape != shape or not _are_plausible(file[name]):
             raise InputError(f"{path}: should be a model of `talkingeyes eyelid fit`, with {name} of shape {shape}")
+        width = np.ptp(file[name], axis=0).max() if name.endswith("_rest") else LID_WIDTH_M[0]
+        if not LID_WIDTH_M[0] <= width <= LID_WIDTH_M[1]:
+            raise InputError(
+                f"{path}: {name} should be a lid of {LID_WIDTH_M[0]} to {LID_WIDTH_M[1]} m, got {width:.3g}"
+            )
     eyes = [
         PersonEye(
             file[f"{side}_eye_centre"],
