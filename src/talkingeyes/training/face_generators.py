@@ -20,7 +20,7 @@ from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.models.baselines import BaselineSettings, MotionBank, sample_bank
 from talkingeyes.models.face.basis import JAW_DIM, FaceBasis
-from talkingeyes.models.face.style import STYLE_FADE_S, StyleKey, StyleVocabulary
+from talkingeyes.models.face.style import StyleKey, StyleVocabulary
 from talkingeyes.models.speech_to_face import SpeechToFace
 from talkingeyes.training.baseline_checkpoint import load_baseline
 from talkingeyes.training.checkpoint import Checkpoint, build_network, load
@@ -55,7 +55,7 @@ class NetworkFaceGenerator:
         self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seeds: list[int], fps: float
     ) -> FaceSamples:
         """Sample the network. Raises InputError for an unknown speaker."""
-        style_course = torch.from_numpy(self.vocabulary.per_frame(style, len(embedding), fps, STYLE_FADE_S))
+        style_course = torch.from_numpy(self.vocabulary.per_frame(style, len(embedding), fps))
         faces = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), style_course, seeds)
         return _samples(faces.numpy(), fps, self.basis)
 
