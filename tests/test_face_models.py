@@ -148,7 +148,9 @@ def test_style_changes_along_a_clip() -> None:
     course = known.per_frame([StyleKey(2.0, ANGRY), StyleKey(0.0, HAPPY)], 100, 25.0)
     np.testing.assert_allclose(course[:51], np.repeat(known.style_vector(HAPPY)[None], 51, axis=0))
     np.testing.assert_allclose(course[63:], np.repeat(known.style_vector(ANGRY)[None], 37, axis=0))
-    np.testing.assert_allclose(course[56], 0.52 * known.style_vector(HAPPY) + 0.48 * known.style_vector(ANGRY), atol=1e-6)
+    np.testing.assert_allclose(
+        course[56], 0.52 * known.style_vector(HAPPY) + 0.48 * known.style_vector(ANGRY), atol=1e-6
+    )
 
 
 # Face parameters

@@ -108,7 +108,9 @@ class NumpyMotionGenerator:
         head = self._sample_head(self._with_conditions(speech, speaker, emotion, "head"), seeds)
         guided = not self._gaze.sampler.guidance.is_one
         variants = [speech, self._speech.mean_features(len(embedding))] if guided else [speech]
-        gaze = self._sample_gaze([self._with_conditions(each, speaker, emotion, "gaze") for each in variants], head, seeds)
+        gaze = self._sample_gaze(
+            [self._with_conditions(each, speaker, emotion, "gaze") for each in variants], head, seeds
+        )
         return Samples(fps, head.astype(float), gaze.astype(float))
 
     def _with_conditions(

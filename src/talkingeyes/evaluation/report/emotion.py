@@ -50,24 +50,29 @@ def head_gaze_features(samples: Samples) -> Float[ndarray, "S F"]:
 
 
 def fit_classifier(feature_rows: Float[ndarray, "N F"], emotions: Sequence[str]) -> EmotionClassifier:
-    """The classifier on features in standard deviations of the N clips; at least two emotions must occur."""
+    """The classifier, fitted to features in standard deviations of the N clips; at least two emotions must occur."""
     scale = np.maximum(feature_rows.std(axis=0), 1e-6)
     classifier = EmotionClassifier.fit(feature_rows / scale, emotions)
     return replace(classifier, weights=classifier.weights / scale)
 
 
 @dataclass(frozen=True)
-class RecognisedSound:
-    """A sound with its emotion; `share`: fraction of its motions whose emotion is recognised."""
+class EmotionalSound:
+    """A sound with its emotion, and the features of its motions."""
 
     speaker: str
     emotion: str
-    share: float
+    features: Float[ndarray, "S F"]
 
 
-def recognition(sounds: Sequence[RecognisedSound], settings: BootstrapSettings) -> TableEstimate:
+def emotion_recognised(
+    classifier: EmotionClassifier, sounds: Sequence[EmotionalSound], settings: BootstrapSettings
+) -> TableEstimate:
     """Fraction of motions whose emotion is recognised, mean over emotions, with intervals over sounds and speakers."""
-    shares, emotions = np.array([each.share for each in sounds]), np.array([each.emotion for each in sounds])
+    emotions = np.array([each.emotion for each in sounds])
+    shares = np.array(
+        [np.mean([found == each.emotion for found in classifier.predict(each.features)]) for each in sounds]
+    )
     statistic = SoundStatistic(
         lambda chosen: balanced_accuracy(shares[chosen], emotions[chosen]), tuple(each.speaker for each in sounds)
     )
