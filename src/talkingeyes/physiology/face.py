@@ -6,7 +6,7 @@ Hager 2002), with action units translated to ARKit's shapes: happy 6+12+25, sad 
 negative `Motion.lid`; unit 26 is the rest angle of the jaw. Full intensity is as large as people's largest movements
 where these were measured (docs/face.md, in millimetres), else a choice of this project. Strength fluctuates by a fifth.
 Speech has priority at the mouth: what parts the lips is suppressed while they are closed, what presses them together
-while they are closed or the jaw is open.
+while they are closed or parted.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ FACE_SHAPES: tuple[str, ...] = tuple(
 )
 LIP_PARTING_SHAPES = frozenset(_both("mouthUpperUp", "mouthLowerDown"))
 LIP_PRESSING_SHAPES = frozenset((*_both("mouthPress"), "mouthRollLower", "mouthRollUpper", "mouthShrugLower"))
-PARTED_JAW_RAD = 0.10  # opening of the jaw in speech from which lips are not pressed
+# Opening of the jaw, and weight of the lowered lower lip in speech, from which lips are not pressed.
+PARTED_JAW_RAD, PARTED_LIP = 0.10, 0.08
 INTENSITY_STRENGTH = (0.0, 0.4, 0.7, 1.0)
 BROW_RAISE_SHAPES: Mapping[str, float] = {"browInnerUp": 0.8, "browOuterUpLeft": 1.0, "browOuterUpRight": 1.0}
 
@@ -152,8 +153,9 @@ def expression_weights(
     brows = brow_height(face.brows, times_s)
     emotion_strength = face.share * strength_over_time
     free = 1.0 - mouth.closed
+    parted = np.maximum(mouth.jaw[:, 0] / PARTED_JAW_RAD, mouth.shapes["mouthLowerDownLeft"] / PARTED_LIP)
     freedom = dict.fromkeys(LIP_PARTING_SHAPES, free)
-    freedom |= dict.fromkeys(LIP_PRESSING_SHAPES, free * np.clip(1.0 - mouth.jaw[:, 0] / PARTED_JAW_RAD, 0.0, 1.0))
+    freedom |= dict.fromkeys(LIP_PRESSING_SHAPES, free * np.clip(1.0 - parted, 0.0, 1.0))
     for name, weight in face.emotion_expression.shapes.items():
         weights[:, FACE_SHAPES.index(name)] += weight * emotion_strength * freedom.get(name, 1.0)
     for name, weight in BROW_RAISE_SHAPES.items():

@@ -1,9 +1,9 @@
 """Emotion recognised from head and gaze alone, without the face.
 
-The classifier is that of faces (evaluation/papers/probtalk3d_metrics.py) on posture, range and speed of the head, place,
-range and speed of gaze, and how far eyes and gaze are down, over a clip. It is trained on real motion of the train
-split. Emotions count equally; chance is 1 of their number, which motion that knows nothing of the emotion reaches.
-Emotions change the voice too, so motion that only follows the sound can be above chance.
+The classifier is that of faces (evaluation/papers/probtalk3d_metrics.py), on posture, range and speed of the head, and
+place, range, speed and lowering of gaze over a clip. It is trained on real motion of the train split. Emotions count
+equally; chance is 1 of their number, which motion that knows nothing of the emotion reaches. Emotions change the voice
+too, so motion that only follows the sound can be above chance.
 """
 
 from __future__ import annotations
