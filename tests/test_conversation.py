@@ -168,7 +168,7 @@ def test_sadness_lowers_gaze_and_fear_moves_it(annotation, styles, population):
     found = {}
     for emotion in ("neutral", "sad", "fear"):
         down_deg, per_s = [], []
-        for number, style in enumerate(styles[:8]):
+        for number, style in enumerate(styles[:5]):
             one = (
                 style if population == "face_to_face" else with_habits(style, population, np.random.default_rng(number))
             )
