@@ -11,7 +11,8 @@ Reads: the corpus, data/fit, data/embed, data/critic, for a model data/sample/<m
 Writes: data/evaluate/<row>/metrics.json {split: {part: {metric: {value, low, high, speakers_low, speakers_high}}}}, the
 intervals over sounds and over speakers (those of the face over sounds alone); speed.csv (fraction of frames that are
 faster); on both splits together aversion.json: what speech tells about gaze aversion, and the row's motion about the
-true one; benchmark.json: the gaze benchmark, compared with all takes of the truth (in a corpus without truth: with the
+true one; emotion.json, in a corpus with emotions: how often that of the sound is recognised from head and gaze;
+benchmark.json: the gaze benchmark, compared with all takes of the truth (in a corpus without truth: with the
 fitted motion). A corpus without truth has an empty row `truth`.
 """
 
@@ -59,6 +60,12 @@ from talkingeyes.evaluation.papers.talkingeyes_metrics import (
     clip_metrics,
     summarise,
 )
+from talkingeyes.evaluation.report.emotion import (
+    EmotionalSound,
+    emotion_recognised,
+    fit_classifier,
+    head_gaze_features,
+)
 from talkingeyes.evaluation.report.information import (
     LIVE_LOOKAHEAD_S,
     SoundAversion,
@@ -81,13 +88,14 @@ SOUNDS_PER_PROCESS = 40
 
 @dataclass(frozen=True)
 class SoundResult:
-    """Results of a sound: metrics by part, statistics for the benchmark, and when gaze is averted (`reference`: that of
-    the truth)."""
+    """Results of a sound: metrics by part, statistics for the benchmark, when gaze is averted (`reference`: that of the
+    truth), and what its emotion is recognised from."""
 
     figures: dict[str, ClipMetrics]
     benchmark: SoundStatistics
     aversion: SoundAversion
     reference: SoundAversion
+    emotion: EmotionalSound
 
 
 def run(workspace: Workspace, name: str, training: Workspace | None = None) -> Report:
@@ -106,12 +114,14 @@ def run(workspace: Workspace, name: str, training: Workspace | None = None) -> R
     task = partial(evaluate, paths, evaluators, settings.benchmark_samples)
     measured = parallel_map(task, eyes, jobs, f"evaluate {name}")
     benchmark, aversions, references = PairedAccumulator(), list[SoundAversion](), list[SoundAversion]()
+    emotions: list[EmotionalSound] = []
     for item, one in zip(eyes, measured, strict=True):
         if one is None:
             continue
         benchmark.add(one.benchmark)
         aversions.append(one.aversion)
         references.append(one.reference)
+        emotions.append(one.emotion)
         for part, of_part in one.figures.items():
             found[item.takes[0].split][part].append(of_part)
     figures: dict[str, dict[str, Mapping[str, Estimate]]] = {
@@ -127,6 +137,8 @@ def run(workspace: Workspace, name: str, training: Workspace | None = None) -> R
         if aversions:
             of_aversion = _aversion(training or workspace, name, aversions, references, settings)
             (folder / "aversion.json").write_text(json.dumps(of_aversion, indent=1))
+            if of_emotion := _emotion(training or workspace, name, emotions, settings):
+                (folder / "emotion.json").write_text(json.dumps(of_emotion, indent=1))
         _write_speeds(folder / "speed.csv", found)
     return Report(metrics=_flat(figures), artifacts=[workspace.data("evaluate", name, "metrics.json")])
 
@@ -162,6 +174,27 @@ def _real_aversion(row: str, root: Path, fit: Path, clip: Clip) -> SoundAversion
     corpus = Corpus(root)
     motion = corpus.truth(clip) if row == "truth" else Motion.load(motion_path(fit, clip))
     return sound_aversion(clip.speaker, motion_behaviours([motion], corpus.annotation(clip)))
+
+
+def _emotion(
+    training: Workspace, row: str, sounds: Sequence[EmotionalSound], settings: EvaluateSettings
+) -> dict[str, Any]:
+    """How often the emotion is recognised, and chance; empty if the train split has fewer than two emotions."""
+    corpus = Corpus(training.corpus)
+    clips = [each for each in corpus.select("train", take=0) if motion_path(training.data("fit"), each).exists()]
+    if len({clip.emotion for clip in clips}) < 2:
+        return {}
+    measure = partial(_real_features, corpus.root, training.data("fit"))
+    features = np.array(list(parallel_map(measure, clips, training.jobs, f"emotion {row}")))
+    classifier = fit_classifier(features, [clip.emotion for clip in clips])
+    chance = 1 / len({each.emotion for each in sounds})
+    return {"recognised": asdict(emotion_recognised(classifier, sounds, settings.bootstrap)), "chance": chance}
+
+
+def _real_features(root: Path, fit: Path, clip: Clip) -> Float[ndarray, " F"]:
+    corpus = Corpus(root)
+    motion = corpus.truth(clip) if corpus.has_truth else Motion.load(motion_path(fit, clip))
+    return np.asarray(head_gaze_features(Samples.of(clip.fps, [motion]))[0])
 
 
 def _faces(
@@ -242,7 +275,8 @@ def evaluate(
     row, reference = (
         sound_aversion(item.clip.speaker, each) for each in (motion_sets.evaluated, motion_sets.reference)
     )
-    return SoundResult(seen.figures, counts, row, reference)
+    emotion = EmotionalSound(item.clip.speaker, item.clip.emotion, head_gaze_features(seen.case.samples))
+    return SoundResult(seen.figures, counts, row, reference, emotion)
 
 
 def _compared(

@@ -94,6 +94,12 @@ more of it than people, and gaze that hardly changes has much; read it beside th
 with the changes. 0: none; below 0: what the regression overfits. At most {LIVE_LOOKAHEAD_S:g} s ahead: the most that
 the live model can follow.
 """
+EMOTION = """### Emotion in head and gaze
+
+Fraction of motions whose emotion a classifier recognises from head and gaze alone, mean over emotions, with intervals
+over speakers, on test and unseen together. It is trained on real motion of the train split. Random has no emotion;
+motion that follows its sound has that of the voice.
+"""
 VALIDATION = """### On val, where models and settings are chosen
 
 Distances of the distributions of eye speed, saccade amplitude and eccentricity from those of the truth, as multiples of
@@ -137,6 +143,7 @@ class Results:
     benchmarks: dict[str, list[MetricResult]]
     informed: dict[str, Any]
     aversions: dict[str, Any]
+    emotions: dict[str, Any]
     on_val: dict[str, dict[str, float]]
     counts: dict[str, Float[ndarray, " K"]]
     critic: dict[str, Any]
@@ -167,6 +174,7 @@ class Results:
             benchmarks=benchmarks,
             informed=informed,
             aversions=aversions,
+            emotions=_json_of_rows(workspace.data("evaluate"), "emotion.json"),
             on_val={name: found for name, found in on_val.items() if found},
             counts=counts,
             critic=_json(workspace.data("critic", "report.json")),
@@ -251,6 +259,8 @@ def _page(results: Results) -> str:
     if results.informed:
         parts += [INFORMATION, information_table(results.informed, TITLES), ""]
     parts += [AVERSION, aversion_table(results.aversions), ""]
+    if results.emotions:
+        parts += [EMOTION, emotion_table(results.emotions), ""]
     if results.on_val:
         parts += [VALIDATION, validation_table(results.on_val), ""]
     parts += [REQUIREMENTS, model_requirements_table(results.required), "", *results.table3(), BENCHMARK]
@@ -297,6 +307,16 @@ def aversion_table(aversions: Mapping[str, Any]) -> str:
         cells = ["{value:.4f} ({low:.4f} to {high:.4f})".format(**each) if each else "" for each in estimates]
         rows.append([TITLES.get(name, name), *cells, f"{found['changes_per_s']:.2f}"])
     return markdown_table(["", *keys.values(), "changes per second"], rows)
+
+
+def emotion_table(emotions: Mapping[str, Any]) -> str:
+    """How often the emotion of every row is recognised, as Markdown."""
+    recognised = "{value:.2f} ({speakers_low:.2f} to {speakers_high:.2f})"
+    rows = [
+        [TITLES.get(name, name), recognised.format(**emotions[name]["recognised"]), f"{emotions[name]['chance']:.3f}"]
+        for name in order_rows(emotions)
+    ]
+    return markdown_table(["", "emotion recognised", "chance"], rows)
 
 
 def _uses_sound(row: Mapping[str, Any]) -> bool:
@@ -408,6 +428,8 @@ def flat_metrics(name: str, results: Results) -> dict[str, float]:
     for key in ("information", "prediction"):
         if estimate := results.aversions.get(name, {}).get(key):
             found[f"aversion_{key}"] = estimate["value"]
+    if name in results.emotions:
+        found["emotion_recognised"] = results.emotions[name]["recognised"]["value"]
     return found | {f"val/{key}": value for key, value in results.on_val.get(name, {}).items()}
 
 

@@ -29,7 +29,8 @@ from talkingeyes.head.anny import anny_head
 from talkingeyes.head.sag import FaceSurface
 from talkingeyes.models.baselines import BaselineSettings, MotionBank
 from talkingeyes.models.face.basis import FaceBasis
-from talkingeyes.models.face.style import StyleVocabulary
+from talkingeyes.models.face.emotion_mean import EmotionMeans, EmotionMeanSettings
+from talkingeyes.models.face.style import StyleVocabulary, clip_style
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.replay import ReplayBank, ReplaySettings
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main
@@ -235,6 +236,16 @@ def _baseline(training: Training, settings: BaselineSettings) -> Report:
     return Report(metrics={"clips": len(bank.features)})
 
 
+def _emotion_mean(training: Training, settings: EmotionMeanSettings) -> Report:
+    """The mean face of each emotion."""
+    data = _face_data(training)
+    faces = [data.basis.to_vector(each.expression, each.jaw) for each in data.train]
+    means = EmotionMeans.of(faces, [clip_style(each.clip).emotion for each in data.train])
+    with training.output() as folder:
+        save_baseline(folder, settings, means, face_space(data))
+    return Report(metrics={"clips": len(faces)})
+
+
 def _replay(training: Training, settings: ReplaySettings) -> Report:
     """A bank of the clips of the train split, to look up in."""
     found = recordings(*training.inputs, "train", take=0)
@@ -268,6 +279,7 @@ KINDS: dict[str, tuple[Callable[[Training, Any], Report], type[Settings]]] = {
     "speech_to_pose": (_poses, PoseTaskSettings),
     "pgface": (_pgface, PGFaceTaskSettings),
     "head_then_gaze": (_combine_models, HeadThenGazeSettings),
+    "emotion_mean": (_emotion_mean, EmotionMeanSettings),
     "aligned_replay": (_replay, ReplaySettings),
     "pieced_replay": (_replay, ReplaySettings),
 }

@@ -177,6 +177,37 @@ def test_emotions_scale_with_intensity_and_keep_lip_motion():
     assert np.array_equal(shown(["a"]).expression, shown(["a"], mood=FacialBehaviour("happy", 0.0)).expression)
 
 
+@pytest.mark.parametrize("emotion", EMOTIONS)
+@pytest.mark.parametrize("symbols", [["a", "m", "a"], ["i", "b", "u"], ["s", "p", "i"]])
+def test_lips_close_under_the_strongest_emotion(emotion, symbols):
+    expression, share = face.EMOTION_EXPRESSIONS[emotion], 1.3
+    style = ArticulationStyle(jaw_scale=expression.jaw_scale, jaw_rest_rad=share * expression.jaw_rest_rad)
+    calm, felt = shown(symbols), shown(symbols, style, FacialBehaviour(emotion, share))
+    assert lip_gap_m(felt)[1] < lip_gap_m(calm)[1] + 0.0005
+    assert lip_gap_m(felt)[0] > lip_gap_m(felt)[1] + 0.002, "and the vowel before them is open"
+
+
+def resting_mm(emotion):
+    """Displacement of each landmark from a neutral face, in silence."""
+    expression = face.EMOTION_EXPRESSIONS[emotion]
+    silent = mouth_motion((), np.zeros(1), ArticulationStyle(jaw_rest_rad=expression.jaw_rest_rad))
+    weights = face.expression_weights(FacialBehaviour(emotion, 1.0), silent, np.zeros(1), np.ones(1))
+    still, rest = np.zeros((1, 3)), np.zeros((1, 2, 3))
+    felt = Motion.of(25.0, still, rest, jaw=silent.jaw, expression=weights, expression_names=FACE_SHAPES)
+    moved = motion_landmarks(felt)[0] - motion_landmarks(Motion.of(25.0, still, rest, expression_names=FACE_SHAPES))[0]
+    return dict(zip(LANDMARK_NAMES, 1000.0 * moved, strict=True))
+
+
+def test_full_emotions_are_as_large_as_measured_movements():
+    """Ranges of Jorge et al. 2012 (12 people, mean and one SD): smile, raised brows, frown."""
+    happy, surprised, angry, contempt = map(resting_mm, ("happy", "surprised", "angry", "contempt"))
+    assert 6.45 <= np.linalg.norm(happy["left_mouth_corner"]) <= 12.11
+    assert 6.00 <= surprised["left_brow_outer"][1] <= 13.08
+    assert 4.16 <= -angry["left_brow_inner"][1] <= 10.85
+    assert np.linalg.norm(contempt["left_mouth_corner"]) > 20 * np.linalg.norm(contempt["right_mouth_corner"])
+    assert happy["left_eye_lower_inner"][1] > 1.5, "a smile reaches the eyes"
+
+
 def test_brows_rise_and_come_back():
     raises = (BrowRaise(1.0, 0.2, 0.1, 0.3, 0.5), BrowRaise(1.2, 0.2, 0.1, 0.3, 0.3))
     up = face.brow_height(raises, np.array([0.9, 1.0, 1.1, 1.25, 1.9]))

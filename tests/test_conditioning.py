@@ -1,4 +1,4 @@
-"""Conditioning besides speech: the speaker; and the initial pose."""
+"""Conditioning besides speech: the speaker and the emotion; and the initial pose."""
 
 from __future__ import annotations
 
@@ -140,6 +140,19 @@ def test_embedding_scale_increases_distances_of_speakers_in_sampling() -> None:
         torch.testing.assert_close(part[3], learnt[3])
         antisymmetric = made.antisymmetric.weight[:2].mean(0)
         torch.testing.assert_close(part[:2].mean(0) - learnt[:2].mean(0), (size - 1) * antisymmetric)
+
+
+def test_emotion_is_zero_where_there_is_none_and_grows_with_intensity() -> None:
+    made = CONDITIONERS.build(CONDITIONERS.parse({"kind": "emotion"}), 12, KNOWN)
+    clip, provider = people(1, seed=4)[0].clip, ConditioningProvider({"emotion"}, [], None)
+    kinds = (("", 0), ("neutral", 0), ("sad", 1), ("sad", 3), ("fear", 3))
+    told = [provider.clip_inputs(replace(clip, emotion=emotion, intensity=size), 50) for emotion, size in kinds]
+    video, neutral, weak, strong, other = (made(each, 1).head for each in told)
+    assert not made(NO_CONDITIONING, 3).head.any()
+    assert not video.any()
+    assert not neutral.any()
+    torch.testing.assert_close(weak, 0.4 * strong)
+    assert (strong - other).abs().max() > 0.1
 
 
 def start(changes: dict[str, Any], other: checkpoint.Checkpoint | None = None) -> MotionTask:

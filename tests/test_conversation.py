@@ -13,7 +13,7 @@ from talkingeyes.synthesis import head_gestures
 from talkingeyes.synthesis.emotion import EMOTION_FACTORS, emotional_style
 from talkingeyes.synthesis.gaze_aversion import gaze_intervals, sample_gaze_cues
 from talkingeyes.synthesis.gaze_shifts import DIRECTIONS, octant_probabilities
-from talkingeyes.synthesis.speakers import sample_style
+from talkingeyes.synthesis.speakers import sample_style, with_habits
 from talkingeyes.synthesis.take import sample_take
 
 TURN_S, TURNS = 8.0, 6
@@ -160,6 +160,30 @@ def test_emotions_change_style_by_intensity(styles):
     assert emotional_style(style, "angry", 1.0).head_scale > style.head_scale
     for emotion in EMOTIONS:
         assert 0.0 < emotional_style(style, emotion, 1.2).partner_gaze_listening < 1.0
+
+
+@pytest.mark.parametrize("population", ["face_to_face", "remote_call"])
+def test_sadness_lowers_gaze_and_fear_moves_it(annotation, styles, population):
+    """Pitch of averted gaze from the partner, and rate of saccades."""
+    found = {}
+    for emotion in ("neutral", "sad", "fear"):
+        down_deg, per_s = [], []
+        for number, style in enumerate(styles[:5]):
+            one = (
+                style if population == "face_to_face" else with_habits(style, population, np.random.default_rng(number))
+            )
+            felt = replace(annotation, emotion=emotion, intensity=0 if emotion == "neutral" else 3)
+            take = sample_take(felt, one, SECONDS, np.random.default_rng(number), PHYSIOLOGICAL)
+            shifts = take.events.saccades
+            ends = np.array([[each.onset_s, *each.end_rad] for each in shifts])
+            averted = np.any(
+                [(ends[:, 0] >= s.start_s) & (ends[:, 0] < s.end_s) for s in take.gaze_intervals if s.averted], axis=0
+            )
+            down_deg.append(np.degrees(ends[averted, 2].mean()))
+            per_s.append(len(shifts) / SECONDS)
+        found[emotion] = np.mean(down_deg), np.mean(per_s)
+    assert found["sad"][0] < found["neutral"][0] - 1.5
+    assert found["sad"][1] < found["neutral"][1] < found["fear"][1]
 
 
 def test_vergence_is_set_for_partner_and_farther_targets(annotation, styles):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,13 +12,24 @@ from jsonschema import validate
 from toy_workspace import FRAMES, toy_workspace
 
 from pipelines import critic, evaluate
+from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.samples import Samples
+from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.benchmark.registry import VERSION, json_schema
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.measures.corr import CorrScores
 from talkingeyes.evaluation.papers.talkingeyes_metrics import EvaluationCase, clip_metrics, summarise
+from talkingeyes.evaluation.report.emotion import (
+    EmotionalSound,
+    emotion_recognised,
+    fit_classifier,
+    head_gaze_features,
+)
 from talkingeyes.models.contrastive_critic import CRITIC_PARTS
+from talkingeyes.physiology.blinks import PHYSIOLOGICAL
+from talkingeyes.synthesis.speakers import sample_style
+from talkingeyes.synthesis.take import sample_take
 from talkingeyes.workflows.evaluate import evaluate as compare
 
 ROWS = ("truth", "fitted", "mismatched", "mean", "random")
@@ -167,3 +179,41 @@ def test_l2_excludes_the_first_take_of_the_same_sound():
     table = summarise("head", [figures, single], BOOTSTRAP)
     assert table["l2"].value == pytest.approx(0.2 * np.sqrt(3))
     assert table["diversity_ratio"].value == 1
+
+
+def emotional_sounds(people: range) -> list[EmotionalSound]:
+    """A synthetic take of 8 s of each person in three emotions."""
+    found = []
+    for number in people:
+        style = sample_style(np.random.default_rng(number))
+        for emotion in ("angry", "neutral", "sad"):
+            said = Annotation(speaking=(Span(0.0, 8.0),), emotion=emotion, intensity=0 if emotion == "neutral" else 3)
+            take = sample_take(said, style, 8.0, np.random.default_rng(number), PHYSIOLOGICAL)
+            features = head_gaze_features(Samples.of(25.0, [take.motion(25.0, 200)]))
+            found.append(EmotionalSound(f"s{number}", emotion, features))
+    return found
+
+
+def test_emotion_is_recognised_from_head_and_gaze_but_not_of_others():
+    train, held_out = emotional_sounds(range(24)), emotional_sounds(range(24, 40))
+    classifier = fit_classifier(np.concatenate([each.features for each in train]), [each.emotion for each in train])
+    own = emotion_recognised(classifier, held_out, BOOTSTRAP)
+    others = [
+        replace(each, features=other.features)
+        for each, other in zip(held_out, np.random.default_rng(0).permutation(np.array(held_out, object)), strict=True)
+    ]
+    strange = emotion_recognised(classifier, others, BOOTSTRAP)
+    assert own.speakers_low > 0.6
+    assert strange.low < 1 / 3 < strange.high
+
+
+def test_emotions_are_learnt_from_real_motion_of_the_train_split(tmp_path):
+    toys = toy_workspace(tmp_path)
+    corpus, settings = Corpus(toys.corpus), toys.settings("evaluate", evaluate.EvaluateSettings)
+    sounds = emotional_sounds(range(2))
+    assert evaluate._emotion(toys, "truth", sounds, settings) == {}, "of toys without emotions"
+    felt = [replace(clip, emotion=("sad", "neutral")[place % 2]) for place, clip in enumerate(corpus.clips)]
+    corpus.write_index(felt)
+    found = evaluate._emotion(toys, "truth", sounds, settings)
+    assert found["chance"] == pytest.approx(1 / 3)
+    assert 0 <= found["recognised"]["low"] <= found["recognised"]["value"] <= 2 / 3, "angry is not among the trained"

@@ -14,7 +14,8 @@ from toy_faces import BASIS, NAMES, data, faces
 from talkingeyes.core.errors import InputError
 from talkingeyes.models.baselines import BaselineSettings, MotionBank
 from talkingeyes.models.face.basis import FaceBasis
-from talkingeyes.models.face.style import FaceStyle, StyleKey, StyleVocabulary
+from talkingeyes.models.face.emotion_mean import EmotionMeans, EmotionMeanSettings
+from talkingeyes.models.face.style import FaceStyle, StyleKey, StyleVocabulary, clip_style
 from talkingeyes.models.face.vqvae import FaceVQVAE, FaceVQVAESettings, merge_codes, split_codes
 from talkingeyes.models.layers import attention
 from talkingeyes.models.layers.attention import WindowAttention
@@ -145,10 +146,12 @@ def test_unknown_style_is_an_error_with_the_choices(style: Any, line: str) -> No
 
 def test_style_changes_along_a_clip() -> None:
     known = StyleVocabulary(("a",))
-    course = known.per_frame([StyleKey(2.0, ANGRY), StyleKey(0.0, HAPPY)], 100, 25.0, fade_s=0.4)
+    course = known.per_frame([StyleKey(2.0, ANGRY), StyleKey(0.0, HAPPY)], 100, 25.0)
     np.testing.assert_allclose(course[:51], np.repeat(known.style_vector(HAPPY)[None], 51, axis=0))
-    np.testing.assert_allclose(course[60:], np.repeat(known.style_vector(ANGRY)[None], 40, axis=0))
-    np.testing.assert_allclose(course[55], (known.style_vector(HAPPY) + known.style_vector(ANGRY)) / 2, atol=1e-6)
+    np.testing.assert_allclose(course[63:], np.repeat(known.style_vector(ANGRY)[None], 37, axis=0))
+    np.testing.assert_allclose(
+        course[56], 0.52 * known.style_vector(HAPPY) + 0.48 * known.style_vector(ANGRY), atol=1e-6
+    )
 
 
 # Face parameters
@@ -317,7 +320,7 @@ def test_emotion_has_effect_and_can_change_within_a_clip(talker: Any) -> None:
     speech = torch.from_numpy(faces(1, seed=7)[0].speech)
     keys = [StyleKey(0.0, HAPPY), StyleKey(2.4, ANGRY)]
     happy, changing = (
-        talker.module.generate(speech, torch.from_numpy(known.per_frame(course, 120, 25.0, 0.2)), [3], 0.0)[0].numpy()
+        talker.module.generate(speech, torch.from_numpy(known.per_frame(course, 120, 25.0)), [3], 0.0)[0].numpy()
         for course in (keys[:1], keys)
     )
     np.testing.assert_allclose(changing[:30], happy[:30], atol=1e-5)
@@ -440,6 +443,29 @@ def test_baselines_take_the_mean_or_a_piece_of_one_clip(tmp_path: Path) -> None:
     assert any(np.allclose(drawn, source.jaw, atol=1e-6) for drawn in similar.jaw), "the clip of the same sound is near"
     random = baseline("random", tmp_path).generate(known.val[0].speech, [StyleKey(0.0, HAPPY)], list(range(12)), 25.0)
     assert len({each.tobytes() for each in random.expression}) > 3
+
+
+def test_the_mean_face_of_each_emotion_is_that_of_its_clips_and_still(tmp_path: Path) -> None:
+    known = data()
+    vectors = [BASIS.to_vector(each.expression, each.jaw) for each in known.train]
+    felt = [clip_style(each.clip).emotion for each in known.train]
+    settings = EmotionMeanSettings(kind="emotion_mean", parts=("face",), tokenizer=None)
+    save_baseline(tmp_path, settings, EmotionMeans.of(vectors, felt), face_space(known))
+    generator = load_face_generator(tmp_path)
+    found = {
+        name: generator.generate(known.val[0].speech, [StyleKey(0.0, FaceStyle(None, name, size))], [1, 2], 25.0)
+        for name, size in (("happy", 3), ("angry", 1), ("contempt", 2))
+    }
+    for name in ("happy", "angry"):
+        own = np.concatenate([each for each, emotion in zip(vectors, felt, strict=True) if emotion == name])
+        np.testing.assert_allclose(
+            found[name].expression[1, 7], own[:, : len(BASIS.expression_names)].mean(0), atol=1e-5
+        )
+        assert np.ptp(found[name].jaw, axis=1).max() == 0
+    assert "contempt" not in felt
+    everything = np.concatenate(vectors)[:, : len(BASIS.expression_names)].mean(0)
+    np.testing.assert_allclose(found["contempt"].expression[0, 0], everything, atol=1e-5)
+    assert np.abs(found["happy"].expression - found["angry"].expression).max() > 0.05
 
 
 # Model selection

@@ -9,6 +9,7 @@ from model_conf import compose
 
 from talkingeyes.animation import face as faces_of
 from talkingeyes.animation.animator import Animator
+from talkingeyes.animation.blink_sampling import emotional_blinks
 from talkingeyes.animation.controls import Controls
 from talkingeyes.animation.face import FaceAnimator, emotion_lid_closure, interpolate_pchip, with_face
 from talkingeyes.animation.model_file import find_face_model, parts_title
@@ -22,6 +23,7 @@ from talkingeyes.head.anny import anny_head
 from talkingeyes.head.posing import expression_shape_names
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import FaceStyle, StyleKey, StyleVocabulary
+from talkingeyes.synthesis.emotion import EMOTION_FACTORS
 from talkingeyes.training.motion_generators import TrainedGenerator
 
 FPS, FRAMES = 25.0, 100
@@ -103,18 +105,32 @@ def test_a_blink_closes_lids_that_squint_or_are_raised():
     assert shut.any(), "raised lids still close"
     squint = motion.expression[:, NAMES.index("eyeSquintLeft")]
     assert squint[shut].max() < 0.01
-    quiet = np.isclose(motion.lid, -0.18).all(axis=1)  # the rule for strong surprise
+    quiet = np.isclose(motion.lid, -0.3).all(axis=1)  # the rule for strong surprise
     assert quiet.mean() > 0.5
     assert np.allclose(squint[quiet], 0.4)
     brows = motion.expression[:, NAMES.index("browInnerUp")]
     assert brows[shut].max() > 0, "brows are the face model's own"
 
 
+def test_blinks_follow_the_emotion_that_changes_along_a_clip():
+    scared, calm, sad = (FaceStyle(None, *each) for each in (("fear", 3), ("neutral", 0), ("sad", 3)))
+    times = np.arange(0.0, 10.0, 0.04)
+    assert emotional_blinks((StyleKey(0.0, calm),), times) == 1.0
+    assert emotional_blinks((StyleKey(0.0, scared),), times) == pytest.approx(EMOTION_FACTORS["fear"].blinks)
+    half = emotional_blinks((StyleKey(0.0, scared), StyleKey(4.75, calm)), times)
+    assert half == pytest.approx(EMOTION_FACTORS["fear"].blinks ** 0.5, rel=0.01)
+    fast, slow = (
+        sum(len(each.events.blinks) for each in perform(Controls(face=(StyleKey(0.0, style),)), samples=12))
+        for style in (scared, sad)
+    )
+    assert fast > 1.2 * slow
+
+
 def test_an_emotion_may_change_along_a_clip():
     keys = (*felt("neutral", 0), StyleKey(2.0, FaceStyle(None, "surprised", 3)))
     lid = emotion_lid_closure(keys, np.array([0.0, 1.9, 2.25, 3.0]))
-    assert np.allclose(lid, [0.0, 0.0, -0.09, -0.18])
-    assert np.allclose(emotion_lid_closure(keys[::-1], np.array([0.0, 3.0])), [0.0, -0.18]), (
+    assert np.allclose(lid, [0.0, 0.0, -0.15, -0.3])
+    assert np.allclose(emotion_lid_closure(keys[::-1], np.array([0.0, 3.0])), [0.0, -0.3]), (
         "in whatever order they are given"
     )
 

@@ -22,9 +22,13 @@ from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL, PACKAGED_MODEL
 from talkingeyes.animation.torch_generation import sample_motion
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.models.face.style import FaceStyle, StyleKey
+from talkingeyes.models.condition.emotion_strength import emotion_strengths
+from talkingeyes.models.face.style import FaceStyle, StyleKey, blend_over_time
+from talkingeyes.models.speech_to_motion import SpeechToMotion
+from talkingeyes.training import checkpoint
 from talkingeyes.training.face_generators import load_face_generator
 from talkingeyes.training.motion_generators import load_generator
+from talkingeyes.training.motion_task import MotionTaskSettings
 
 # What the extras of pyproject.toml install beyond the base installation.
 EXTRAS = (
@@ -78,6 +82,32 @@ def test_head_and_gaze_equal_those_of_torch(folder: Path, speaker: int | None) -
     np.testing.assert_allclose(found.gaze, expected.gaze, atol=1e-5)
     alone = generator.generate(speech, seeds[1:2], 25.0, speaker)  # a seed gives the same motion alone
     np.testing.assert_allclose(alone.gaze[0], found.gaze[1], atol=1e-5)
+
+
+def test_a_model_told_the_emotion_equals_that_of_torch(folder: Path, tmp_path: Path) -> None:
+    packaged = checkpoint.load(folder)
+    model = packaged.config["model"] | {"conditions": [*packaged.config["model"]["conditions"], {"kind": "emotion"}]}
+    settings = MotionTaskSettings.model_validate(model)
+    torch.manual_seed(0)
+    network = SpeechToMotion(settings, packaged.config["channels"], None, packaged.config["speakers"])
+    known = {
+        name: packaged.tensors[name] if name in packaged.tensors and packaged.tensors[name].shape == own.shape else own
+        for name, own in network.state_dict().items()
+    }
+    checkpoint.save(tmp_path, known, packaged.config | {"model": model})
+    generator, torch_generator = load_motion_generator(tmp_path), load_generator(tmp_path)
+    assert isinstance(generator, NumpyMotionGenerator)
+    speech, keys = embedding(120), [StyleKey(0.0, FaceStyle(None, "sad", 3)), StyleKey(2.0, FaceStyle(None, "fear", 2))]
+    emotion = blend_over_time(keys, np.arange(120) / 25.0, emotion_strengths)
+    felt = generator.generate(speech, [1, 2], 25.0, 3, emotion)
+    expected = sample_motion(torch_generator, speech, np.zeros(0), [1, 2], 25.0, 3, emotion)
+    np.testing.assert_allclose(felt.head, expected.head, atol=1e-5)
+    np.testing.assert_allclose(felt.gaze, expected.gaze, atol=1e-5)
+    calm = generator.generate(speech, [1, 2], 25.0, 3)
+    np.testing.assert_array_equal(
+        calm.head, generator.generate(speech, [1, 2], 25.0, 3, np.zeros_like(emotion)).head, "none is neutral"
+    )
+    assert np.abs(felt.head - calm.head).max() > 0.01
 
 
 @pytest.mark.parametrize("frames", [1, 300])  # more than a block of attention

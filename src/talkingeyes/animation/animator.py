@@ -37,7 +37,9 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.samples import FaceSamples, Samples
 from talkingeyes.fitting.motion_style import SPEAKERS_FILE, MotionStyle, load_speakers
+from talkingeyes.models.condition.emotion_strength import emotion_strengths
 from talkingeyes.models.condition.random_speaker import random_speaker
+from talkingeyes.models.face.style import blend_over_time
 from talkingeyes.physiology import blinks
 from talkingeyes.physiology.blinks import BlinkProfile
 
@@ -161,7 +163,7 @@ class Animator:
     ) -> list[Animation]:
         person = self._person(controls, seed)
         context = self._context(sound, controls, person, seed)
-        sampled = self._sample_motion(embedding, sound, sample_seeds(seed, samples), person)
+        sampled = self._sample_motion(embedding, sound, sample_seeds(seed, samples), person, controls)
         faces = self._faces(embedding, sound, samples, seed, controls)
         trajectories = [
             GazeTrajectory.from_frames(self.fps, head, rotation.gaze_in_space(head, gaze))
@@ -213,15 +215,21 @@ class Animator:
         return float(np.mean([0.5 * (rate <= own) + 0.5 * (rate < own) for rate in rates]))
 
     def _sample_motion(
-        self, embedding: Float[ndarray, "T C"], sound: Float[ndarray, " N"], seeds: list[int], person: str | None
+        self,
+        embedding: Float[ndarray, "T C"],
+        sound: Float[ndarray, " N"],
+        seeds: list[int],
+        person: str | None,
+        controls: Controls,
     ) -> Samples:
-        """Sample head and gaze, conditioned on the speaker and the waveform where the model requires them."""
+        """Sample head and gaze, conditioned on speaker, emotion and waveform where the model requires them."""
         index = None if person is None else self.persons.index(person)
+        emotion = blend_over_time(controls.face, np.arange(len(embedding)) / self.fps, emotion_strengths)
         if isinstance(self.generator, NumpyMotionGenerator):
-            return self.generator.generate(embedding, seeds, self.fps, index)
+            return self.generator.generate(embedding, seeds, self.fps, index, emotion)
         from talkingeyes.animation.torch_generation import sample_motion
 
-        return sample_motion(self.generator, embedding, sound, seeds, self.fps, index)
+        return sample_motion(self.generator, embedding, sound, seeds, self.fps, index, emotion)
 
     def _faces(
         self,

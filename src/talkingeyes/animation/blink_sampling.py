@@ -1,7 +1,7 @@
 """Blinks of an animation: those that accompany large gaze shifts, and spontaneous ones at the rest of the rate.
 
 The rate follows the paper (Sect. IV-E): one per animation, sampled from a profile, or the speaker's quantile in it.
-Spontaneous blinks leave room for the gaze-evoked ones.
+An emotion changes it by the rule of the synthetic data. Spontaneous blinks leave room for the gaze-evoked ones.
 """
 
 from __future__ import annotations
@@ -18,8 +18,11 @@ from numpy import ndarray
 from talkingeyes.animation.context import AnimationContext
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory
 from talkingeyes.core.motion import Blink
+from talkingeyes.models.condition.emotion_strength import STRENGTH_EMOTIONS, emotion_strengths
+from talkingeyes.models.face.style import StyleKey, blend_over_time
 from talkingeyes.physiology import blinks
 from talkingeyes.physiology.blinks import BlinkProfile
+from talkingeyes.synthesis.emotion import EMOTION_FACTORS
 
 MAX_EVOKED_FRACTION = 0.75  # of all blinks
 EVOKED_JITTER_S = 0.03  # a gaze-evoked blink starts at most this much before or after its saccade
@@ -44,7 +47,7 @@ def sample_blinks(trajectory: GazeTrajectory, context: AnimationContext) -> Samp
     if not context.controls.parts.is_generated("blinks"):
         return SampledBlinks()
     rng = np.random.default_rng(context.seeds)
-    rate = blinks_per_min(context, rng)
+    rate = blinks_per_min(context, rng) * emotional_blinks(context.controls.face, trajectory.times_s)
     evoked = gaze_evoked_blinks(trajectory, rate, context, rng)
     return SampledBlinks(evoked, spontaneous_blinks(trajectory.seconds, rate, evoked, context, rng))
 
@@ -58,6 +61,12 @@ def blinks_per_min(context: AnimationContext, rng: np.random.Generator) -> float
     else:
         rate = blinks.sample_blink_rate(context.blink_profile, rng)
     return rate * context.controls.liveliness.blinks
+
+
+def emotional_blinks(style: Sequence[StyleKey], times_s: Float[ndarray, " T"]) -> float:
+    """Factor of the emotion on the blink rate (synthesis/emotion.py), the geometric mean over time."""
+    logs = np.log([EMOTION_FACTORS[name].blinks for name in STRENGTH_EMOTIONS])
+    return float(np.exp((blend_over_time(style, times_s, emotion_strengths) @ logs).mean()))
 
 
 def gaze_evoked_blinks(

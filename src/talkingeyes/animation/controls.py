@@ -45,7 +45,8 @@ class Controls:
     sounds. `person`: the training speaker that the model is conditioned on (None: a random one by the
     seed). `style`: a training speaker's name or measured motion statistics, which are imposed. `no_postprocessing`:
     head and gaze as sampled, without head contribution, amplitude limit and saccadic intrusions (to compare models).
-    `face`: the styles of the face (emotion, intensity, speaker) with their onsets. `parts`: which parts are replaced or
+    `face`: the styles of the face (emotion, intensity, speaker) with their onsets; head, gaze and blinks follow the
+    emotion. `parts`: which parts are replaced or
     switched off.
     """
 

@@ -37,7 +37,7 @@ from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.posing import expression_shape_names
 from talkingeyes.models.face.basis import FaceBasis
-from talkingeyes.models.face.style import STYLE_FADE_S, FaceStyle, StyleKey
+from talkingeyes.models.face.style import FaceStyle, StyleKey, blend_over_time
 from talkingeyes.physiology.face import EMOTION_EXPRESSIONS, INTENSITY_STRENGTH
 from talkingeyes.training.model_folder import is_face_model
 
@@ -137,15 +137,11 @@ def with_face(motion: Motion, faces: FaceSamples, sample: int, style: Sequence[S
 
 def emotion_lid_closure(style: Sequence[StyleKey], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
     """Lid closure by the emotion (below 0: opening) at each time, blended as the style is."""
-    ordered = sorted(style, key=lambda key: key.onset_s)
-    found = np.full(len(times_s), _lid(ordered[0].style))
-    for key in ordered[1:]:
-        found += np.clip((times_s - key.onset_s) / STYLE_FADE_S, 0.0, 1.0) * (_lid(key.style) - found)
-    return found
+    return blend_over_time(style, times_s, _lid)[:, 0]
 
 
-def _lid(style: FaceStyle) -> float:
-    return INTENSITY_STRENGTH[style.intensity] * EMOTION_EXPRESSIONS[style.emotion].lid
+def _lid(style: FaceStyle) -> Float[ndarray, " 1"]:
+    return np.array([INTENSITY_STRENGTH[style.intensity] * EMOTION_EXPRESSIONS[style.emotion].lid])
 
 
 def interpolate_pchip(

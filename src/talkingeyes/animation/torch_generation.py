@@ -23,9 +23,10 @@ def sample_motion(
     seeds: list[int],
     fps: float,
     speaker: int | None,
+    emotion: Float[ndarray, "T E"] | None = None,
 ) -> Samples:
-    """Sample head and gaze, conditioned on the speaker and the waveform where the model requires them."""
-    conditioning = ConditioningInputs()
+    """Sample head and gaze, conditioned on speaker, emotion and waveform where the model requires them."""
+    conditioning = ConditioningInputs(emotion=None if emotion is None else torch.from_numpy(emotion)[None])
     if speaker is not None:
         conditioning = replace(conditioning, speaker=torch.tensor([speaker]))
     if "sound" in required_inputs(generator):

@@ -21,7 +21,10 @@ States = Annotated[
 Style = Annotated[str | None, typer.Option(help="Motion style: a speaker of the model, or a motion (.npz).")]
 Emotion = Annotated[
     str,
-    typer.Option(help="Emotion of the face: neutral, happy, sad, surprised, fear, disgusted, angry or contempt."),
+    typer.Option(
+        help="Emotion of face and blinks, and of head and gaze if their model knows it: neutral, happy, sad, "
+        "surprised, fear, disgusted, angry or contempt."
+    ),
 ]
 Intensity = Annotated[int | None, typer.Option(help="Intensity of the emotion: 1, 2 or 3.")]
 ModelFile = Annotated[

@@ -23,6 +23,7 @@ from talkingeyes.evaluation.papers.talkingeyes_metrics import EvaluateSettings
 from talkingeyes.evaluation.report.validation_metrics import SelectionMetric, ValidateSettings
 from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.models.baselines import BaselineSettings
+from talkingeyes.models.face.emotion_mean import EmotionMeanSettings
 from talkingeyes.models.replay import ReplaySettings
 from talkingeyes.rendering.video import ReportSettings
 from talkingeyes.synthesis.plan import SynthesizeSettings
@@ -69,6 +70,7 @@ ModelSettings = Annotated[
     | PGFaceTaskSettings
     | HeadThenGazeSettings
     | BaselineSettings
+    | EmotionMeanSettings
     | ReplaySettings,
     Field(discriminator="kind"),
 ]

@@ -1,11 +1,12 @@
 """Facial expression apart from eyes and speech: eight emotions, and brow raises, as shapes of the head.
 
 Emotions are those of 3DMEAD (ProbTalk3D, section 3.1) at three intensities, as described by EMFACS (Ekman, Friesen &
-Hager 2002), with action units translated to ARKit's shapes: happy 6+12, sad 1+4+15+17, surprised 1+2+5+26, fear
-1+2+4+5+20, disgusted 9+10+15, angry 4+5+7+23, contempt 12+14 on one side. Unit 5, the raised upper lid, is a negative
-`Motion.lid`; unit 26 is the rest angle of the jaw. Sizes at full intensity are choices of this project [U]. Strength
-fluctuates by a fifth. Speech has priority at the mouth: shapes that part the lips are suppressed while the lips are
-closed.
+Hager 2002), with action units translated to ARKit's shapes: happy 6+12+25, sad 1+4+15+17, surprised 1+2+5+26, fear
+1+2+4+5+7+20+25, disgusted 9+10+15+6, angry 4+5+7+23+24, contempt 12+14 on one side. Unit 5, the raised upper lid, is a
+negative `Motion.lid`; unit 26 is the rest angle of the jaw. Full intensity is as large as people's largest movements
+where these were measured (docs/face.md, in millimetres), else a choice of this project. Strength fluctuates by a fifth.
+Speech has priority at the mouth: what parts the lips is suppressed while they are closed, what presses them together
+while they are closed or parted.
 """
 
 from __future__ import annotations
@@ -38,6 +39,9 @@ FACE_SHAPES: tuple[str, ...] = tuple(
     )
 )
 LIP_PARTING_SHAPES = frozenset(_both("mouthUpperUp", "mouthLowerDown"))
+LIP_PRESSING_SHAPES = frozenset((*_both("mouthPress"), "mouthRollLower", "mouthRollUpper", "mouthShrugLower"))
+# Opening of the jaw, and weight of the lowered lower lip in speech, from which lips are not pressed.
+PARTED_JAW_RAD, PARTED_LIP = 0.10, 0.08
 INTENSITY_STRENGTH = (0.0, 0.4, 0.7, 1.0)
 BROW_RAISE_SHAPES: Mapping[str, float] = {"browInnerUp": 0.8, "browOuterUpLeft": 1.0, "browOuterUpRight": 1.0}
 
@@ -68,24 +72,46 @@ def _expand_sides(**weights: float) -> Mapping[str, float]:
 EMOTION_EXPRESSIONS: Mapping[str, EmotionExpression] = MappingProxyType(
     {
         "neutral": EmotionExpression({}),
-        "happy": EmotionExpression(_expand_sides(cheekSquint=0.5, mouthSmile=0.55, mouthDimple=0.1), 0.04, 0.0, 1.1),
-        "sad": EmotionExpression(
-            _expand_sides(browInnerUp=0.7, browDown=0.2, mouthFrown=0.45, mouthShrugLower=0.15), 0.12, 0.0, 0.85
+        "happy": EmotionExpression(
+            _expand_sides(
+                cheekSquint=0.85, eyeSquint=0.5, mouthSmile=0.65, mouthDimple=0.3, mouthUpperUp=0.4, mouthLowerDown=0.2
+            ),
+            lid=0.05,
+            jaw_rest_rad=0.02,
+            jaw_scale=1.1,
         ),
-        "surprised": EmotionExpression(_expand_sides(browInnerUp=0.8, browOuterUp=0.8), -0.18, 0.05, 1.15),
+        "sad": EmotionExpression(
+            _expand_sides(browInnerUp=1.0, browDown=0.15, mouthFrown=0.8, mouthShrugLower=0.45),
+            lid=0.18,
+            jaw_scale=0.85,
+        ),
+        "surprised": EmotionExpression(
+            _expand_sides(browInnerUp=1.0, browOuterUp=1.0), lid=-0.3, jaw_rest_rad=0.13, jaw_scale=1.15
+        ),
         "fear": EmotionExpression(
-            _expand_sides(browInnerUp=0.8, browOuterUp=0.35, browDown=0.3, mouthStretch=0.4), -0.15, 0.02, 1.0
+            _expand_sides(
+                browInnerUp=1.0, browOuterUp=0.4, browDown=0.35, eyeSquint=0.2, mouthStretch=0.85, mouthLowerDown=0.35
+            ),
+            lid=-0.32,
+            jaw_rest_rad=0.04,
         ),
         "disgusted": EmotionExpression(
-            _expand_sides(noseSneer=0.5, mouthUpperUp=0.2, mouthFrown=0.3, browDown=0.35, cheekSquint=0.2),
-            0.08,
-            0.0,
-            0.95,
+            _expand_sides(
+                noseSneer=1.0, mouthUpperUp=0.7, mouthFrown=0.4, browDown=0.35, cheekSquint=0.5, eyeSquint=0.4
+            ),
+            lid=0.12,
+            jaw_scale=0.95,
         ),
         "angry": EmotionExpression(
-            _expand_sides(browDown=0.8, eyeSquint=0.2, mouthPress=0.2, noseSneer=0.12), -0.06, 0.0, 1.15
+            _expand_sides(
+                browDown=1.0, eyeSquint=0.6, noseSneer=0.25, mouthPress=0.6, mouthRollUpper=0.2, mouthRollLower=0.3
+            ),
+            lid=-0.15,
+            jaw_scale=1.15,
         ),
-        "contempt": EmotionExpression(_expand_sides(mouthSmileLeft=0.35, mouthDimpleLeft=0.5), 0.06, 0.0, 0.95),
+        "contempt": EmotionExpression(
+            _expand_sides(mouthSmileLeft=0.45, mouthDimpleLeft=0.8), lid=0.12, jaw_scale=0.95
+        ),
     }
 )
 
@@ -126,10 +152,12 @@ def expression_weights(
     weights = np.zeros((len(times_s), len(FACE_SHAPES)))
     brows = brow_height(face.brows, times_s)
     emotion_strength = face.share * strength_over_time
+    free = 1.0 - mouth.closed
+    parted = np.maximum(mouth.jaw[:, 0] / PARTED_JAW_RAD, mouth.shapes["mouthLowerDownLeft"] / PARTED_LIP)
+    freedom = dict.fromkeys(LIP_PARTING_SHAPES, free)
+    freedom |= dict.fromkeys(LIP_PRESSING_SHAPES, free * np.clip(1.0 - parted, 0.0, 1.0))
     for name, weight in face.emotion_expression.shapes.items():
-        weights[:, FACE_SHAPES.index(name)] += (
-            weight * emotion_strength * (1.0 - mouth.closed if name in LIP_PARTING_SHAPES else 1.0)
-        )
+        weights[:, FACE_SHAPES.index(name)] += weight * emotion_strength * freedom.get(name, 1.0)
     for name, weight in BROW_RAISE_SHAPES.items():
         weights[:, FACE_SHAPES.index(name)] += weight * brows
     for name, column in mouth.shapes.items():

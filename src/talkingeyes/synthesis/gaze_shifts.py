@@ -168,14 +168,17 @@ class GazeBuilder:
         return np.asarray(self.partner_rad + FACE_RADIUS_RAD * self.rng.normal(0.0, 0.4, 2))
 
     def aversion_point(self, cause: AversionCause) -> Float[ndarray, " 2"]:
-        """Sample an averted location: direction by cause and preferred side, amplitude of Eyes Alive."""
+        """Sample an averted location: direction by cause, preferred side and lowering, amplitude of Eyes Alive."""
         min_deg = max(MIN_AVERSION_DEG, 1.5 * float(np.degrees(FACE_RADIUS_RAD.max())))
         amplitude = saccades.sample_amplitudes_rad(1, self.rng, min_deg=min_deg)
         direction = saccades.sample_directions(1, self.rng, octant_probabilities(cause))[0]
         if abs(direction[0]) > abs(direction[1]) and self.rng.random() < abs(self.style.aversion_side):
             direction[0] = np.copysign(direction[0], self.style.aversion_side)
         size = self.style.aversion_scale * np.sqrt(min(1.0, self.style.liveliness))
-        return np.asarray(self.partner_rad + size * amplitude * direction)
+        away, lowering = size * amplitude * direction, self.style.aversion_lowering
+        if 0.0 < away[1] < 2.0 * lowering:  # lowered, it would be at the partner's face or nearer to it
+            away[1] *= -1.0
+        return np.asarray(self.partner_rad + away - np.array([0.0, lowering]))
 
 
 def octant_probabilities(cause: AversionCause) -> Float[ndarray, " 8"]:

@@ -25,7 +25,8 @@ class SpeakerStyle:
     """Movement style of one person. Angles are in radians; scales are factors around 1.
 
     `partner_gaze_speaking` is the proportion of talking time with gaze at the partner, `partner_gaze_listening` that of
-    listening time. `aversion_side` is the preferred side of aversions (yaw). `liveliness` scales rate and amplitude of
+    listening time. `aversion_side` is the preferred side of aversions (yaw), `aversion_lowering` how far below their
+    usual places they are. `liveliness` scales rate and amplitude of
     gaze shifts (1 as in an interview, less for a calm source). `speech_coupling` (0 to 1) is the influence of speech on
     gaze and head. `head_tempo` scales the speed of the head, `head_axes` its rotation per axis (pitch, yaw, roll) and
     `translation_scale` its translation. `head_threshold` and `head_gain` are the eccentricity from which the head
@@ -64,6 +65,7 @@ class SpeakerStyle:
     kappa: tuple[tuple[float, float], tuple[float, float]]
     habits: GazeHabits | None = None
     cue_delay_s: float = 0.0
+    aversion_lowering: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -12,16 +12,17 @@ import torch
 
 from talkingeyes.core.settings import validate_section
 from talkingeyes.models.baselines import BaselineSettings, MotionBank
+from talkingeyes.models.face.emotion_mean import EmotionMeans, EmotionMeanSettings
 from talkingeyes.models.replay import ReplayBank, ReplaySettings
 from talkingeyes.training.checkpoint import Checkpoint, save
 
-AnyBank = TypeVar("AnyBank", MotionBank, ReplayBank)
+AnyBank = TypeVar("AnyBank", MotionBank, ReplayBank, EmotionMeans)
 
 
 def save_baseline(
     folder: Path,
-    settings: BaselineSettings | ReplaySettings,
-    bank: MotionBank | ReplayBank,
+    settings: BaselineSettings | ReplaySettings | EmotionMeanSettings,
+    bank: MotionBank | ReplayBank | EmotionMeans,
     more: Mapping[str, Any] | None = None,
 ) -> None:
     """Write a baseline; `more`: further entries of its configuration."""
@@ -37,6 +38,11 @@ def load_baseline(checkpoint: Checkpoint) -> tuple[BaselineSettings, MotionBank]
 def load_replay(checkpoint: Checkpoint) -> tuple[ReplaySettings, ReplayBank]:
     """Settings and bank of a lookup. Raises KeyError or InputError for other checkpoints."""
     return validate_section("model", ReplaySettings, checkpoint.config["model"]), _bank(checkpoint, ReplayBank)
+
+
+def load_emotion_means(checkpoint: Checkpoint) -> EmotionMeans:
+    """Means of a checkpoint. Raises KeyError for other checkpoints."""
+    return _bank(checkpoint, EmotionMeans)
 
 
 def _bank(checkpoint: Checkpoint, kind: type[AnyBank]) -> AnyBank:

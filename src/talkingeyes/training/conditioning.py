@@ -19,7 +19,9 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.models.condition.conditioner import ConditioningInputs, InputName
+from talkingeyes.models.condition.emotion_strength import emotion_strengths
 from talkingeyes.models.condition.random_speaker import random_speaker
+from talkingeyes.models.face.style import clip_style
 
 WindowInputs = Mapping[str, ndarray]
 
@@ -59,6 +61,8 @@ class ConditioningProvider:
         found: dict[str, ndarray] = {}
         if "speaker" in self.required_inputs:
             found["speaker"] = np.array(speaker_index(self.speakers, clip.speaker, clip.sound))
+        if "emotion" in self.required_inputs:
+            found["emotion"] = emotion_strengths(clip_style(clip))[None]  # the same in all frames
         if "sound" in self.required_inputs:
             found["sound"] = self._sound(clip, frames)
         return found

@@ -20,9 +20,10 @@ from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.models.baselines import BaselineSettings, MotionBank, sample_bank
 from talkingeyes.models.face.basis import JAW_DIM, FaceBasis
-from talkingeyes.models.face.style import STYLE_FADE_S, StyleKey, StyleVocabulary
+from talkingeyes.models.face.emotion_mean import EmotionMeans
+from talkingeyes.models.face.style import StyleKey, StyleVocabulary, blend_over_time
 from talkingeyes.models.speech_to_face import SpeechToFace
-from talkingeyes.training.baseline_checkpoint import load_baseline
+from talkingeyes.training.baseline_checkpoint import load_baseline, load_emotion_means
 from talkingeyes.training.checkpoint import Checkpoint, build_network, load
 from talkingeyes.training.face_task import FaceData, FaceTaskSettings
 from talkingeyes.training.face_tokenizer import FaceTokenizer, build_face_tokenizer
@@ -55,7 +56,7 @@ class NetworkFaceGenerator:
         self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seeds: list[int], fps: float
     ) -> FaceSamples:
         """Sample the network. Raises InputError for an unknown speaker."""
-        style_course = torch.from_numpy(self.vocabulary.per_frame(style, len(embedding), fps, STYLE_FADE_S))
+        style_course = torch.from_numpy(self.vocabulary.per_frame(style, len(embedding), fps))
         faces = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), style_course, seeds)
         return _samples(faces.numpy(), fps, self.basis)
 
@@ -76,6 +77,22 @@ class BaselineFaceGenerator:
         for key in style:
             self.vocabulary.style_vector(key.style)
         return _samples(sample_bank(self.settings, self.bank, embedding, seeds), fps, self.basis)
+
+
+@dataclass(frozen=True)
+class EmotionMeanGenerator:
+    """The mean face of the emotion, whatever is said."""
+
+    bank: EmotionMeans
+    basis: FaceBasis
+    vocabulary: StyleVocabulary
+
+    def generate(
+        self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seeds: list[int], fps: float
+    ) -> FaceSamples:
+        """The same face for all seeds."""
+        faces = blend_over_time(style, np.arange(len(embedding)) / fps, self.bank.face)
+        return _samples(np.repeat(faces[None], len(seeds), axis=0), fps, self.basis)
 
 
 def face_config(settings: FaceTaskSettings, data: FaceData, tokenizer: FaceTokenizer | None) -> dict[str, Any]:
@@ -111,6 +128,8 @@ def load_face_generator(folder: Path, head: FaceBasis | None = None) -> TrainedF
 def _generator(checkpoint: Checkpoint) -> TrainedFaceGenerator:
     config = checkpoint.config
     basis, vocabulary = FaceBasis.of(config["basis"]), StyleVocabulary(tuple(config["speakers"]))
+    if config["model"]["kind"] == "emotion_mean":
+        return EmotionMeanGenerator(load_emotion_means(checkpoint), basis, vocabulary)
     if config["model"]["kind"] != "speech_to_face":
         return BaselineFaceGenerator(*load_baseline(checkpoint), basis, vocabulary)
     settings = validate_section("model", FaceTaskSettings, config["model"])

@@ -49,8 +49,9 @@ def make_controls(
 
     `person` is a training speaker of the model; by default a random one, chosen by the seed. `head`, `gaze` and
     `blinking` are factors of liveliness: 0 none, 1 as the model, 2 double. `no_postprocessing` switches the rule-based
-    layers off, apart from the chosen controls (docs/whole.md). `emotion`, `intensity` (1 to 3) and `speaker` concern
-    the face. Parts (head, gaze, blinks, face) are switched off by `without`, or replaced by those of other motions.
+    layers off, apart from the chosen controls (docs/whole.md). `emotion` and `intensity` (1 to 3) concern face and
+    blinks, and head and gaze if their model is conditioned on the emotion; `speaker` concerns the face. Parts (head,
+    gaze, blinks, face) are switched off by `without`, or replaced by those of other motions.
 
     Raises InputError (one line) for invalid arguments.
     """

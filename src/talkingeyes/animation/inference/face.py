@@ -19,7 +19,7 @@ from talkingeyes.animation.inference.networks import SpeechProjection, WindowTra
 from talkingeyes.animation.inference.torch_random import BLOCK, normal
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.models.face.basis import JAW_DIM, FaceBasis
-from talkingeyes.models.face.style import STYLE_FADE_S, FaceStyle, StyleKey, StyleVocabulary
+from talkingeyes.models.face.style import FaceStyle, StyleKey, StyleVocabulary
 from talkingeyes.models.layers.numpy_layers import NumpyLinear
 
 TOKENIZER = "face.tokenizer.encoder_decoder"
@@ -60,7 +60,7 @@ class NumpyFaceGenerator:
     ) -> FaceSamples:
         """Sample faces. Raises InputError for an unknown speaker. A seed gives the same face in any batch."""
         tensors, speech = self._tensors, self._speech(embedding)
-        course = self.vocabulary.per_frame(style, len(embedding), fps, STYLE_FADE_S)
+        course = self.vocabulary.per_frame(style, len(embedding), fps)
         if self._style is not None:
             speech = speech * self._style(course[None, :, tensors["style_columns"]])
         values = self._sample_codes(self._latents(self._transformer(speech)), seeds)

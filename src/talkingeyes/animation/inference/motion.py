@@ -37,7 +37,7 @@ def can_generate_motion(config: Mapping[str, Any]) -> bool:
         model["kind"] == "speech_to_motion"
         and model["head"]["kind"] == model["gaze"]["kind"] == "point_process"
         and not {"lookahead", "waveform_encoder"} & model["speech"].keys()
-        and [each["kind"] for each in model["conditions"]] in ([], ["speaker"])
+        and {each["kind"] for each in model["conditions"]} <= {"speaker", "emotion"}
         and not any("lookahead" in model[part]["process"] for part in ("head", "gaze"))
     )
 
@@ -80,8 +80,9 @@ class NumpyMotionGenerator:
         """Generates two frames: a damaged checkpoint raises KeyError, TypeError, ValueError, IndexError or
         ArithmeticError."""
         model, tensors = checkpoint.config["model"], checkpoint.tensors
-        self.speakers: tuple[str, ...] = tuple(checkpoint.config["speakers"]) if model["conditions"] else ()
-        self._scales = model["conditions"][0]["embedding_scale"] if model["conditions"] else None
+        self._conditions: list[Mapping[str, Any]] = model["conditions"]
+        is_speaker = any(each["kind"] == "speaker" for each in self._conditions)
+        self.speakers: tuple[str, ...] = tuple(checkpoint.config["speakers"]) if is_speaker else ()
         guidance = Guidance.model_validate(model["gaze"]["guidance"])
         self._tensors, self._speech = tensors, SpeechProjection(tensors, model["speech"])
         self._head = _Process.of(
@@ -94,29 +95,42 @@ class NumpyMotionGenerator:
         self.generate(np.zeros((2, len(tensors["speech.mean"])), np.float32), [0], self._fps)
 
     def generate(
-        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, speaker: int | None = None
+        self,
+        embedding: Float[ndarray, "T C"],
+        seeds: list[int],
+        fps: float,
+        speaker: int | None = None,
+        emotion: Float[ndarray, "T E"] | None = None,
     ) -> Samples:
-        """Sample head and gaze; `speaker` is an index of `speakers`, None: unconditional. A seed gives the same motion
-        in any batch."""
+        """Sample head and gaze; `speaker` is an index of `speakers`, None: unconditional; `emotion`: strengths of each
+        frame, None: neutral. A seed gives the same motion in any batch."""
         speech = self._speech(embedding)
-        head = self._sample_head(self._with_speaker(speech, speaker, "head"), seeds)
+        head = self._sample_head(self._with_conditions(speech, speaker, emotion, "head"), seeds)
         guided = not self._gaze.sampler.guidance.is_one
         variants = [speech, self._speech.mean_features(len(embedding))] if guided else [speech]
-        gaze = self._sample_gaze([self._with_speaker(each, speaker, "gaze") for each in variants], head, seeds)
+        gaze = self._sample_gaze(
+            [self._with_conditions(each, speaker, emotion, "gaze") for each in variants], head, seeds
+        )
         return Samples(fps, head.astype(float), gaze.astype(float))
 
-    def _with_speaker(self, speech: Float[ndarray, "1 T S"], speaker: int | None, part: str) -> Float[ndarray, "1 T F"]:
-        """Speech features and the vector of the speaker (models/condition/speaker_embedding.py)."""
-        if self._scales is None:
-            return speech
-        symmetric, antisymmetric = (
-            self._tensors[f"conditions.0.{name}.weight"] for name in ("symmetric", "antisymmetric")
-        )
-        vector = symmetric[-1]
-        if speaker is not None:
-            mean = symmetric[:-1].mean(0)
-            vector = mean + np.float32(self._scales[part]) * (symmetric[speaker] + antisymmetric[speaker] - mean)
-        return np.concatenate([speech, np.broadcast_to(vector, (1, speech.shape[1], len(vector)))], axis=-1)
+    def _with_conditions(
+        self,
+        speech: Float[ndarray, "1 T S"],
+        speaker: int | None,
+        emotion: Float[ndarray, "T E"] | None,
+        part: str,
+    ) -> Float[ndarray, "1 T F"]:
+        """Speech features and the vectors of the conditions (models/condition/)."""
+        found = [speech]
+        for index, condition in enumerate(self._conditions):
+            tensors = tensors_under(self._tensors, f"conditions.{index}")
+            if condition["kind"] == "speaker":
+                vectors = _speaker_vector(tensors, speaker, condition["embedding_scale"][part])[None]
+            else:
+                weight = tensors["emotions.weight"]
+                vectors = np.zeros((1, len(weight)), np.float32) if emotion is None else emotion @ weight.T
+            found.append(np.broadcast_to(vectors, (1, speech.shape[1], vectors.shape[-1])))
+        return np.concatenate(found, axis=-1)
 
     def _sample_head(self, speech: Float[ndarray, "1 T S"], seeds: list[int]) -> Float[ndarray, "B T 3"]:
         sampled = self._head.sample([speech], seeds, EXTRA_BINS)
@@ -137,6 +151,15 @@ class NumpyMotionGenerator:
         directions = np.asarray(sampled.location * tensors["gaze.scale"] + tensors["gaze.centre"], float)
         times_s = np.arange(head.shape[1]) / self._fps
         return eyes_towards(head, render_saccades(sampled.event, starts_s, directions, times_s))
+
+
+def _speaker_vector(tensors: Tensors, speaker: int | None, scale: float) -> Float[ndarray, " S"]:
+    """The vector of a speaker (models/condition/speaker_embedding.py)."""
+    symmetric, antisymmetric = (tensors[f"{name}.weight"] for name in ("symmetric", "antisymmetric"))
+    if speaker is None:
+        return np.asarray(symmetric[-1])
+    mean = symmetric[:-1].mean(0)
+    return np.asarray(mean + np.float32(scale) * (symmetric[speaker] + antisymmetric[speaker] - mean))
 
 
 def bin_means(frames: Float[ndarray, "B T C"], bin_frames: int, extra_bins: int = 0) -> Float[ndarray, "B N C"]:

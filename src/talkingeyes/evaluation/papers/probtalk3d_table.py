@@ -35,6 +35,7 @@ TITLES = {
     "truth": "Truth (other takes)",
     "fitted": "Fitted motion (training target)",
     "face_mean": "Mean face",
+    "face_emotion_mean": "Mean face of each emotion",
     "face_random": "Random",
     "face_similar": "Similar Sample",
     "face_faceformer": "Regression (FaceFormer)",

@@ -1,4 +1,4 @@
-"""Conditioning of a model on more than its own speech: the speaker.
+"""Conditioning of a model on more than its own speech: the speaker, the emotion.
 
 Each kind is one file of this folder and one entry of the list `conditions` in conf/model/; `[]` means no conditioning
 (the paper). A conditioner yields vectors that are concatenated with the speech features, so they reach every generator
@@ -19,23 +19,28 @@ from talkingeyes.core.settings import ComponentRegistry, ComponentSettings
 
 CONDITIONERS = ComponentRegistry(
     "condition",
-    {"speaker": "talkingeyes.models.condition.speaker_embedding:SpeakerEmbedding"},
+    {
+        "speaker": "talkingeyes.models.condition.speaker_embedding:SpeakerEmbedding",
+        "emotion": "talkingeyes.models.condition.emotion_embedding:EmotionEmbedding",
+    },
     ("required_inputs", "forward"),
 )
 ConditionSettings = Annotated[SerializeAsAny[ComponentSettings], BeforeValidator(CONDITIONERS.parse)]
 
-InputName = Literal["speaker", "sound"]
+InputName = Literal["speaker", "emotion", "sound"]
 
 
 @dataclass(frozen=True)
 class ConditioningInputs:
     """Conditioning of B windows of T frames. None: unconditional; speaker -1: unconditional for this window.
 
-    `speaker` is an index into the list of the training speakers, followed by their mirror images. `sound` is the
+    `speaker` is an index into the list of the training speakers, followed by their mirror images. `emotion` has the
+    strengths of emotions (`emotion_strength.py`) of every frame, or of all frames; None: neutral. `sound` is the
     waveform of the speech, N / T samples per frame.
     """
 
     speaker: Int[Tensor, " B"] | None = None
+    emotion: Float[Tensor, "B _ E"] | None = None
     sound: Float[Tensor, "B N"] | None = None
 
     def to(self, device: torch.device) -> ConditioningInputs:

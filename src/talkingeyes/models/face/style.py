@@ -6,8 +6,8 @@ neutral face has no intensity. The style may change along a clip: the vectors of
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -100,20 +100,31 @@ class StyleVocabulary:
             style_vector[len(self.speakers) + len(EMOTIONS) + style.intensity - 1] = 1
         return style_vector
 
-    def per_frame(self, keys: Sequence[StyleKey], frames: int, fps: float, fade_s: float) -> Float[ndarray, "T D"]:
-        """C of every frame: each key from its onset on, faded in over `fade_s`; the first key also before its onset."""
-        if not keys:
-            raise InputError("style: should have at least one key, got none")
-        times_s = np.arange(frames) / fps
-        ordered = sorted(keys, key=lambda key: key.onset_s)
-        style_vectors = np.repeat(self.style_vector(ordered[0].style)[None], frames, axis=0)
-        for key in ordered[1:]:
-            share = np.clip((times_s - key.onset_s) / fade_s, 0, 1)[:, None].astype(np.float32)
-            style_vectors = (1 - share) * style_vectors + share * self.style_vector(key.style)
-        return style_vectors
+    def per_frame(self, keys: Sequence[StyleKey], frames: int, fps: float) -> Float[ndarray, "T D"]:
+        """C of every frame."""
+        return blend_over_time(keys, np.arange(frames) / fps, self.style_vector)
 
     def style_of(self, clip: Clip) -> FaceStyle:
-        """Style of a clip: the mean of all for an unknown speaker; neutral if the clip has no emotion label (a
-        video)."""
-        speaker = clip.speaker if clip.speaker in self.speakers else None
-        return FaceStyle(speaker, clip.emotion or NEUTRAL, clip.intensity)
+        """Style of a clip: that of `clip_style`, for an unknown speaker with the mean of all."""
+        style = clip_style(clip)
+        return style if style.speaker in self.speakers else replace(style, speaker=None)
+
+
+def clip_style(clip: Clip) -> FaceStyle:
+    """Style of a clip; neutral if it has no emotion label (a video)."""
+    return FaceStyle(clip.speaker, clip.emotion or NEUTRAL, clip.intensity)
+
+
+def blend_over_time(
+    keys: Sequence[StyleKey], times_s: Float[ndarray, " T"], vector: Callable[[FaceStyle], Float[ndarray, " D"]]
+) -> Float[ndarray, "T D"]:
+    """A vector of the style at each time: that of each key from its onset on, faded in over STYLE_FADE_S; that of the
+    first key also before its onset."""
+    if not keys:
+        raise InputError("style: should have at least one key, got none")
+    ordered = sorted(keys, key=lambda key: key.onset_s)
+    found = np.repeat(vector(ordered[0].style)[None], len(times_s), axis=0)
+    for key in ordered[1:]:
+        share = np.clip((times_s - key.onset_s) / STYLE_FADE_S, 0, 1)[:, None].astype(found.dtype)
+        found = (1 - share) * found + share * vector(key.style)
+    return found
