@@ -133,11 +133,11 @@ def targets(cases: Iterable[str] = ()) -> list[Target]:
             ),
             "evaluate motions --reference corpus -o out --n-resamples 20",
         ),
-        *_of("people", ("people.csv",), "evaluate spoken --people {file} -o out --n-resamples 20"),
+        *_of("people", ("people.csv",), "evaluate spoken --sound spoken --people {file} -o out --n-resamples 20"),
         *_of(
             "timing",
             ("contact.csv", "turns.csv"),
-            "evaluate spoken --people contact.csv --turns turns.csv -o out --n-resamples 20",
+            "evaluate spoken --sound spoken --people contact.csv --turns turns.csv -o out --n-resamples 20",
         ),
         *_of("study", ("study/study.json", "study/answers.sqlite"), "study results study"),
         *_of("design", ("design.yaml",), "study make {file} -o out --corpus corpus --allow-fewer --size 16"),

@@ -21,7 +21,7 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray
 from pydantic import Field
 
-from talkingeyes.core.containers import read_json
+from talkingeyes.core.containers import read_json, reading
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.output_folder import atomic_folder, output_path
@@ -330,7 +330,7 @@ def _cropped(calibrated: CalibratedCamera, crop: Crop, size_px: int) -> Camera:
 def _frames(view: Path, fps: float) -> Iterator[tuple[float, UInt8[ndarray, "H W 3"]]]:
     """Times and images of a video, of a folder of images by name, or of one image. Raises InputError."""
     if view.is_dir() or view.suffix.lower() in IMAGE_SUFFIXES:
-        from PIL import Image, UnidentifiedImageError
+        from PIL import Image
 
         files = (
             sorted(each for each in view.iterdir() if each.suffix.lower() in IMAGE_SUFFIXES)
@@ -340,11 +340,9 @@ def _frames(view: Path, fps: float) -> Iterator[tuple[float, UInt8[ndarray, "H W
         if not files:
             raise InputError(f"{view}: should hold images ({' '.join(IMAGE_SUFFIXES)}), got none")
         for index, file in enumerate(files):
-            try:
-                with Image.open(file) as image:
-                    yield index / fps, np.asarray(image.convert("RGB"))
-            except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-                raise InputError(f"{file}: not a readable image ({error})") from None
+            with reading(file, "image"), Image.open(file) as image:
+                pixels = np.asarray(image.convert("RGB"))
+            yield index / fps, pixels
         return
     if not view.is_file():
         raise InputError(f"{view}: should be a video, an image or a folder of images, got nothing there")

@@ -159,6 +159,8 @@ def behaviour(
             f"motion: should last at least {MIN_DURATION_S:g} s, got {frames} frames at {fps:g} frames per second"
         )
     good = np.ones(frames, bool) if valid is None else np.asarray(valid, bool).copy()
+    if good.shape != (frames,):
+        raise InputError(f"valid: should have shape {(frames,)}, got {good.shape}")
     for array in known.values():
         good &= np.isfinite(array.reshape(frames, -1)).all(axis=1)
     if not good.any():
