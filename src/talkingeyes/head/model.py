@@ -24,6 +24,7 @@ JOINTS = ("root", "neck", "jaw", "left_eye", "right_eye")
 PARENTS = (-1, 0, 1, 1, 1)
 # parts of the mesh that a face can belong to
 PARTS = ("skin", "lips", "brow", "sclera", "iris", "pupil", "teeth", "tongue", "tissue")
+PARTS += ("hair", "lash", "waterline", "cloth")  # of looks (`looks`)
 SCHEMA = "talkingeyes.head/1"
 LANDMARK_SETS = ("landmarks", "brows")
 
