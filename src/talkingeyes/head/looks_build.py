@@ -209,10 +209,18 @@ def build_look(person: Person) -> Look:
         _hair(person, bare),
     ]
     starts = len(bare.template) + np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
-    faces = [bare.faces, *(np.where(piece.faces < 0, -1 - piece.faces, piece.faces + start) for piece, start in zip(pieces, starts, strict=False))]
+    faces = [
+        bare.faces,
+        *(
+            np.where(piece.faces < 0, -1 - piece.faces, piece.faces + start)
+            for piece, start in zip(pieces, starts, strict=False)
+        ),
+    ]
     vertices = np.concatenate([bare.template, *(piece.vertices for piece in pieces)])
     joined = np.concatenate(faces)
-    casts = np.concatenate([np.full(len(bare.faces), True), *(np.full(len(piece.faces), piece.part in CASTS) for piece in pieces)])
+    casts = np.concatenate(
+        [np.full(len(bare.faces), True), *(np.full(len(piece.faces), piece.part in CASTS) for piece in pieces)]
+    )
     sky = vertex_colours.ambient_occlusion(vertices, joined[casts])
     sky[bare.vertices_of("sclera", "iris", "pupil")] = anny_build.EYE_AMBIENT
     sky[bare.vertices_of("tongue")] = 0.35
@@ -222,12 +230,17 @@ def build_look(person: Person) -> Look:
             sky[start : start + len(piece.vertices)] = np.einsum("nk,nk->n", sky[piece.corners], piece.barycentric)
         elif piece.ambient is not None:
             sky[start : start + len(piece.vertices)] = piece.ambient
-    join = {name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("vertices", "weights", "corners", "barycentric")}
+    join = {
+        name: np.concatenate([getattr(piece, name) for piece in pieces])
+        for name in ("vertices", "weights", "corners", "barycentric")
+    }
     return Look(
         identity=identity.astype(np.float32),
         moved=moved.astype(np.float32),
         faces=joined.astype(np.int32),
-        parts=np.concatenate([parts, *(np.full(len(piece.faces), PARTS.index(piece.part)) for piece in pieces)]).astype(np.int32),
+        parts=np.concatenate([parts, *(np.full(len(piece.faces), PARTS.index(piece.part)) for piece in pieces)]).astype(
+            np.int32
+        ),
         colours=np.concatenate([colours, *(piece.colours for piece in pieces)]).round(3).astype(np.float32),
         ambient=sky.round(3).astype(np.float32),
         vertices=join["vertices"].round(5).astype(np.float32),
@@ -279,9 +292,14 @@ def _paint(person: Person, body: _Body, bare: HeadModel) -> Float[ndarray, "V 3"
     colours = bare.colours.astype(float).copy()
     count = len(body.kept)
     x, y, z = at = bare.template[:count].T * 1000.0
-    flush = 0.8 * spot(np.abs(x) - 40, y - 6, 30.0) + 0.7 * spot(x, y - 6, 16.0) + 0.5 * spot(np.abs(x) - 80, y - 25, 26.0)
+    flush = (
+        0.8 * spot(np.abs(x) - 40, y - 6, 30.0) + 0.7 * spot(x, y - 6, 16.0) + 0.5 * spot(np.abs(x) - 80, y - 25, 26.0)
+    )
     skin = np.array(person.skin) * (1 + flush[:, None] * np.array([0.05, -0.13, -0.15]))
-    skin *= 1 - 0.13 * (spot(np.abs(x) - 31, y - 51, 26.0) + spot(np.abs(x) - 20, y - 30, 16.0))[:, None] * (z > 60)[:, None]
+    skin *= (
+        1
+        - 0.13 * (spot(np.abs(x) - 31, y - 51, 26.0) + spot(np.abs(x) - 20, y - 30, 16.0))[:, None] * (z > 60)[:, None]
+    )
     beard = ramp(-y, 8, 22) * ramp(z, 20, 50) * (1 - ramp(-y, 72, 92)) + spot(x, y + 17, 30.0) * (z > 90)
     skin = mixed(skin, np.array(person.hair) * 1.2, np.clip(person.stubble * beard, 0, person.stubble))
     skin = mixed(skin, np.array(person.lips), np.clip(1.4 * body.lips - 0.2, 0, 1) * (z > 60))
@@ -369,8 +387,20 @@ def _shoulders(person: Person, body: _Body, bare: HeadModel, identity: Float[nda
     place[added] = np.arange(len(added))
     faces = np.where(head[chest] >= 0, -1 - head[chest], place[chest])
     return [
-        _Piece(vertices[added], faces, "skin", np.tile(person.skin, (len(added), 1)), **_rigid(len(added), body.weights[added])),
-        _Piece(shirt[:, :3] / 1000, cut, "cloth", np.tile(person.shirt, (len(shirt), 1)), **_rigid(len(shirt), shirt[:, 3:8])),
+        _Piece(
+            vertices[added],
+            faces,
+            "skin",
+            np.tile(person.skin, (len(added), 1)),
+            **_rigid(len(added), body.weights[added]),
+        ),
+        _Piece(
+            shirt[:, :3] / 1000,
+            cut,
+            "cloth",
+            np.tile(person.shirt, (len(shirt), 1)),
+            **_rigid(len(shirt), shirt[:, 3:8]),
+        ),
     ]
 
 
@@ -403,7 +433,16 @@ def _brow(person: Person, bare: HeadModel, colours: Float[ndarray, "V 3"], sign:
     length = rng.uniform(0.8, 1.2, len(at)) * np.interp(at, [0, 0.3, 1], [3.5, 5.5, 5.0])
     way = np.stack([np.cos(lean), np.sin(lean)], -1)
     side = 0.26 * np.stack([-way[:, 1], way[:, 0]], -1)
-    tuft = np.stack([start - 0.4 * side, start + 0.4 * side, start + (0.5 * length)[:, None] * way - side, start + (0.5 * length)[:, None] * way + side, start + length[:, None] * way], 1)
+    tuft = np.stack(
+        [
+            start - 0.4 * side,
+            start + 0.4 * side,
+            start + (0.5 * length)[:, None] * way - side,
+            start + (0.5 * length)[:, None] * way + side,
+            start + length[:, None] * way,
+        ],
+        1,
+    )
     base = len(strip) + 5 * np.arange(len(at))[:, None]
     hairs = np.concatenate([base + triangle for triangle in ([0, 2, 3], [0, 3, 1], [2, 4, 3])])
     points = np.concatenate([strip, tuft.reshape(-1, 2)]) * [sign, 1.0] / 1000
@@ -414,10 +453,16 @@ def _brow(person: Person, bare: HeadModel, colours: Float[ndarray, "V 3"], sign:
     lift = np.concatenate([np.full(len(strip), 0.0005), np.tile([0.0005, 0.0005, 0.0011, 0.0011, 0.0006], len(at))])
     shade = np.repeat(rng.uniform(0.8, 1.5, len(at)), 5)[:, None] * np.array(person.brow)
     base_colour = np.einsum("nkd,nk->nd", colours[corners], hits.barycentric)
-    painted = np.concatenate([vertex_colours.mixed(base_colour[: len(strip)], np.array(person.brow), np.clip(depth, 0, 1)), shade])
+    painted = np.concatenate(
+        [vertex_colours.mixed(base_colour[: len(strip)], np.array(person.brow), np.clip(depth, 0, 1)), shade]
+    )
     every = np.concatenate([faces, hairs])
     return _Piece(
-        under + lift[:, None] * [0, 0, 1], every if sign > 0 else every[:, ::-1], "brow", painted, **_attached(bare, corners, hits.barycentric)
+        under + lift[:, None] * [0, 0, 1],
+        every if sign > 0 else every[:, ::-1],
+        "brow",
+        painted,
+        **_attached(bare, corners, hits.barycentric),
     )
 
 
@@ -429,14 +474,26 @@ def _lids(person: Person, bare: HeadModel, eye: int) -> list[_Piece]:
     upper, lower = (Landmarks((), curves.corners[lid], curves.barycentric[lid]) for lid in (UPPER, LOWER))
     return [
         _lid_strip(bare, eye, upper, ((0.0, -0.15, 0.4), (0.0, 0.5, 1.2)), "lash", lash),
-        _lid_strip(bare, eye, lower, ((0.0, 0.38, -0.8), (0.0, -0.1, 0.15)), "waterline", 0.75 * np.array(person.skin) + [0.2, 0.13, 0.11]),
+        _lid_strip(
+            bare,
+            eye,
+            lower,
+            ((0.0, 0.38, -0.8), (0.0, -0.1, 0.15)),
+            "waterline",
+            0.75 * np.array(person.skin) + [0.2, 0.13, 0.11],
+        ),
         _lashes(person, bare, eye, upper, 1.0, lash),
         _lashes(person, bare, eye, lower, -1.0, soft),
     ]
 
 
 def _lid_strip(
-    bare: HeadModel, eye: int, curve: Landmarks, rows_mm: Sequence[tuple[float, float, float]], part: str, colour: ndarray
+    bare: HeadModel,
+    eye: int,
+    curve: Landmarks,
+    rows_mm: Sequence[tuple[float, float, float]],
+    part: str,
+    colour: ndarray,
 ) -> _Piece:
     """A strip along a lid, from the row nearer to the pupil to the other; it ends in points."""
     root = curve.of(bare.template)
@@ -461,15 +518,30 @@ def _lashes(person: Person, bare: HeadModel, eye: int, curve: Landmarks, up: flo
     sign = (1.0, -1.0)[eye]
     out = np.stack([sign * 1.3 * (along - 0.42), np.full(count, 0.10 if up > 0 else -0.7), np.ones(count)], -1)
     out = out / np.linalg.norm(out, axis=1, keepdims=True) + rng.normal(0, 0.06, (count, 3))
-    reach = length_mm * person.lash_length / 1000 * np.interp(along, [0.1, 0.6, 1.0], [0.5, 1.0, 0.95]) * rng.uniform(0.75, 1.1, count)
+    reach = (
+        length_mm
+        * person.lash_length
+        / 1000
+        * np.interp(along, [0.1, 0.6, 1.0], [0.5, 1.0, 0.95])
+        * rng.uniform(0.75, 1.1, count)
+    )
     reach, half = reach[:, None], np.array([LASH_MM / 2000, 0.0, 0.0])
     bent = root + 0.55 * reach * out
     tip = root + reach * (0.95 * out + [0.0, 0.42 * max(up, 0), 0.0])
     points = np.stack([root - half, root + half, bent - 0.6 * half, bent + 0.6 * half, tip], 1).reshape(-1, 3)
     first = 5 * np.arange(count)[:, None]
     faces = np.concatenate([first + corner for corner in ([0, 1, 3], [0, 3, 2], [2, 3, 4])])
-    carried = _attached(bare, np.repeat(curve.corners[nearest], 5, axis=0), np.repeat(curve.barycentric[nearest], 5, axis=0))
-    return _Piece(points, np.concatenate([faces, faces[:, ::-1]]), "lash", np.tile(colour, (len(points), 1)), **carried, ambient=0.7)
+    carried = _attached(
+        bare, np.repeat(curve.corners[nearest], 5, axis=0), np.repeat(curve.barycentric[nearest], 5, axis=0)
+    )
+    return _Piece(
+        points,
+        np.concatenate([faces, faces[:, ::-1]]),
+        "lash",
+        np.tile(colour, (len(points), 1)),
+        **carried,
+        ambient=0.7,
+    )
 
 
 def _teeth(body: _Body, bare: HeadModel) -> list[_Piece]:
@@ -479,13 +551,22 @@ def _teeth(body: _Body, bare: HeadModel) -> list[_Piece]:
         own = np.flatnonzero((body.kept >= members.start) & (body.kept < members.stop))
         at = bare.template[own] * 1000.0
         front, edge = at[:, 2].max(), at[np.abs(at[:, 0]) < 5][:, 1]
-        vertices, faces, colours = _row_of_teeth(jaw, front + (3.0 if jaw == "upper" else 0.8), edge.min() - 3.2 if jaw == "upper" else edge.max() - 1.0)
+        vertices, faces, colours = _row_of_teeth(
+            jaw, front + (3.0 if jaw == "upper" else 0.8), edge.min() - 3.2 if jaw == "upper" else edge.max() - 1.0
+        )
         corners = own[[at[:, 2].argmax(), (at[:, 0] - 0.5 * at[:, 2]).argmax(), (-at[:, 0] - 0.5 * at[:, 2]).argmax()]]
         flat = bare.template[corners][:, [0, 2]] * 1000.0
         system = np.vstack([flat.T, np.ones(3)])
         weights = np.linalg.solve(system, np.vstack([vertices[:, [0, 2]].T, np.ones(len(vertices))])).T
         rows.append(
-            _Piece(vertices / 1000, faces, "teeth", colours, **_attached(bare, np.tile(corners, (len(vertices), 1)), weights), ambient=0.5)
+            _Piece(
+                vertices / 1000,
+                faces,
+                "teeth",
+                colours,
+                **_attached(bare, np.tile(corners, (len(vertices), 1)), weights),
+                ambient=0.5,
+            )
         )
     return rows
 
@@ -500,13 +581,21 @@ def _row_of_teeth(jaw: str, front_mm: float, edge_mm: float) -> tuple[ndarray, n
     towards = 1.0 if jaw == "upper" else -1.0  # of the gums
     points, faces, colours = [], [], []
     across, level = np.meshgrid([-1.0, -0.62, 0.62, 1.0], [0.0, 0.14, 0.6, 1.0])
-    bulge = 1.3 * np.sqrt(np.maximum(1 - np.abs(across) ** 3, 0)) * np.interp(level, [0, 0.14, 0.6, 1], [0.1, 0.8, 1.0, 0.7])
+    bulge = (
+        1.3
+        * np.sqrt(np.maximum(1 - np.abs(across) ** 3, 0))
+        * np.interp(level, [0, 0.14, 0.6, 1], [0.1, 0.8, 1.0, 0.7])
+    )
     grid = vertex_colours.grid(4, 4, 1.0)
     for sign in (1.0, -1.0):
         start = 0.0
         for number, (width, height) in enumerate(zip(widths, heights, strict=True)):
             middle = start + width / 2
-            narrow = np.interp(level, [0, 0.14, 0.6, 1.0], [0.80, 0.96, 1.0, 0.86]) if number < 3 else np.interp(level, [0, 0.14, 1.0], [0.7, 0.92, 0.95])
+            narrow = (
+                np.interp(level, [0, 0.14, 0.6, 1.0], [0.80, 0.96, 1.0, 0.86])
+                if number < 3
+                else np.interp(level, [0, 0.14, 1.0], [0.7, 0.92, 0.95])
+            )
             s = middle + 0.49 * width * narrow * across
             x, z = (np.interp(s, length, arch[:, axis]) for axis in range(2))
             outward = np.stack([np.gradient(arch[:, 1], length) * -1, np.gradient(arch[:, 0], length)], -1)
@@ -514,7 +603,9 @@ def _row_of_teeth(jaw: str, front_mm: float, edge_mm: float) -> tuple[ndarray, n
             point = (0.9 if number == 2 else 0.0) * (1 - np.abs(across)) * (level == 0) - (0.7 if number == 1 else 0.0)
             rise = np.where(level == 1, 0.0, 0.0) + level * height - point
             at = len(points) * 16
-            points.append(np.stack([sign * (x + bulge * nx), edge_mm + towards * rise, z + bulge * nz], -1).reshape(-1, 3))
+            points.append(
+                np.stack([sign * (x + bulge * nx), edge_mm + towards * rise, z + bulge * nz], -1).reshape(-1, 3)
+            )
             turned = grid if (sign > 0) == (jaw == "upper") else grid[:, ::-1]
             faces.append(at + turned)
             shade = 0.95 - 0.05 * number - 0.22 * (np.abs(across) == 1) - 0.15 * (level == 1)
@@ -536,7 +627,9 @@ def _hair(person: Person, bare: HeadModel) -> _Piece:
     faces = index[skin]
     faces = faces[(faces >= 0).all(axis=1)]
     grown = grow_hair(at[skull], faces, _above_hairline(person, at[skull]), person.style)
-    return _Piece(grown.vertices / 1000, grown.faces, "hair", np.outer(grown.shade, person.hair), **_rigid(len(grown.vertices)))
+    return _Piece(
+        grown.vertices / 1000, grown.faces, "hair", np.outer(grown.shade, person.hair), **_rigid(len(grown.vertices))
+    )
 
 
 if __name__ == "__main__":

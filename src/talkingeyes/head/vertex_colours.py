@@ -59,9 +59,7 @@ def skin_colours(
     """Skin albedo from position (head coordinates), the mask of the lips and the rims of the lids."""
     x, y, z = vertices.T * 1000
     flush = (
-        0.5 * spot(np.abs(x) - 42, y - 8, 22.0)
-        + 0.5 * spot(x, y - 6, 14.0)
-        + 0.6 * spot(np.abs(x) - 78, y - 30, 20.0)
+        0.5 * spot(np.abs(x) - 42, y - 8, 22.0) + 0.5 * spot(x, y - 6, 14.0) + 0.6 * spot(np.abs(x) - 78, y - 30, 20.0)
     )
     colour = SKIN * (1 + flush[:, None] * np.array([0.06, -0.14, -0.16]))
     colour = mixed(colour, LIP, np.clip(1.4 * lips - 0.2, 0, 1) * (z > 60))
@@ -141,9 +139,7 @@ def mixed(
     return np.asarray(colour + share[:, None] * (other - colour))
 
 
-def smooth(
-    at: Float[ndarray, " N"], knots: Float[ndarray, " K"], values: Float[ndarray, " K"]
-) -> Float[ndarray, " N"]:
+def smooth(at: Float[ndarray, " N"], knots: Float[ndarray, " K"], values: Float[ndarray, " K"]) -> Float[ndarray, " N"]:
     from scipy.interpolate import PchipInterpolator
 
     return np.asarray(PchipInterpolator(knots, values)(at))
