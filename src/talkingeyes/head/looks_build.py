@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 
 from talkingeyes.head import anny_build, anny_data, vertex_colours
@@ -33,7 +33,8 @@ UPPER_TEETH = slice(15060, 15128)
 BUST_MM, BUST_TOP_MM, ARM_MM = -255.0, -60.0, 208.0  # an oval that the shoulders end in
 SHIRT_MM = 3.5  # above the skin
 NECKLINE = (np.array([0.0, -122.0, -20.0]), np.array([0.0, -1.0, -0.42]))  # point and downward normal of a plane
-BROW_TUFTS = 80
+UNDER_HAIR_MM, SOCKET_MM = 16.0, 84.0  # above the hairline; z behind which sockets are lined
+BROW_TUFTS = 48
 CASTS = ("skin", "hair")  # added parts that keep light of the sky from others
 LASHES = {"upper": (44, 7.5), "lower": (26, 3.0)}  # number, length
 LASH_MM = 0.32  # width at the root
@@ -200,7 +201,7 @@ def build_look(person: Person) -> Look:
     shaped = shape_face(head, identity)
     moved = _moved(person, shaped)
     bare = replace(shaped, template=(shaped.template + moved).astype(np.float32))
-    colours, parts = _paint(person, body, bare), bare.parts
+    colours = _paint(person, body, bare)
     pieces = [
         *_shoulders(person, body, bare, identity),
         *(_brow(person, bare, colours, sign) for sign in (1.0, -1.0)),
@@ -209,8 +210,9 @@ def build_look(person: Person) -> Look:
         _hair(person, bare),
     ]
     starts = len(bare.template) + np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
+    kept = ~_hidden(person, bare)
     faces = [
-        bare.faces,
+        bare.faces[kept],
         *(
             np.where(piece.faces < 0, -1 - piece.faces, piece.faces + start)
             for piece, start in zip(pieces, starts, strict=False)
@@ -219,7 +221,7 @@ def build_look(person: Person) -> Look:
     vertices = np.concatenate([bare.template, *(piece.vertices for piece in pieces)])
     joined = np.concatenate(faces)
     casts = np.concatenate(
-        [np.full(len(bare.faces), True), *(np.full(len(piece.faces), piece.part in CASTS) for piece in pieces)]
+        [np.full(int(kept.sum()), True), *(np.full(len(piece.faces), piece.part in CASTS) for piece in pieces)]
     )
     sky = vertex_colours.ambient_occlusion(vertices, joined[casts])
     sky[bare.vertices_of("sclera", "iris", "pupil")] = anny_build.EYE_AMBIENT
@@ -238,7 +240,7 @@ def build_look(person: Person) -> Look:
         identity=identity.astype(np.float32),
         moved=moved.astype(np.float32),
         faces=joined.astype(np.int32),
-        parts=np.concatenate([parts, *(np.full(len(piece.faces), PARTS.index(piece.part)) for piece in pieces)]).astype(
+        parts=np.concatenate([bare.parts[kept], *(np.full(len(piece.faces), PARTS.index(piece.part)) for piece in pieces)]).astype(
             np.int32
         ),
         colours=np.concatenate([colours, *(piece.colours for piece in pieces)]).round(3).astype(np.float32),
@@ -284,6 +286,14 @@ def _moved(person: Person, bare: HeadModel) -> Float[ndarray, "V 3"]:
         ear = np.flatnonzero((np.abs(x) > 70) & (y < 70) & (y > -20) & (z > -40) & (z < 45))
         moved[ear, 0] = -0.72 * np.sign(x[ear]) * (np.abs(x[ear]) - 70) / 1000
     return moved
+
+
+def _hidden(person: Person, bare: HeadModel) -> Bool[ndarray, " F"]:
+    """Faces that nobody sees: the scalp under the cap of hair, sockets behind their lining."""
+    at = bare.template[bare.faces] * 1000.0
+    deep = _above_hairline(person, at.reshape(-1, 3)).reshape(-1, 3).min(axis=1) > UNDER_HAIR_MM
+    skin, tissue = (bare.parts == PARTS.index(part) for part in ("skin", "tissue"))
+    return (skin & deep) | (tissue & (at[..., 1].min(axis=1) > 10) & (at[..., 2].max(axis=1) < SOCKET_MM))
 
 
 def _paint(person: Person, body: _Body, bare: HeadModel) -> Float[ndarray, "V 3"]:
@@ -432,7 +442,7 @@ def _brow(person: Person, bare: HeadModel, colours: Float[ndarray, "V 3"], sign:
     start = np.stack([x, y + half * rng.uniform(-0.8, 0.45, len(at))], -1)
     length = rng.uniform(0.8, 1.2, len(at)) * np.interp(at, [0, 0.3, 1], [3.5, 5.5, 5.0])
     way = np.stack([np.cos(lean), np.sin(lean)], -1)
-    side = 0.26 * np.stack([-way[:, 1], way[:, 0]], -1)
+    side = 0.32 * np.stack([-way[:, 1], way[:, 0]], -1)
     tuft = np.stack(
         [
             start - 0.4 * side,

@@ -1,6 +1,6 @@
 """Renders a head by ray casting on the CPU, without GPU or GL library (embree through embreex).
 
-One ray per pixel inside the box of the head, and four more where part, depth or brightness change. Normals and colours
+One ray per pixel of the tiles that the head covers, and four more where part, depth or brightness change. Normals and colours
 are interpolated over each face. Eyeballs lie behind the lids, so they are visible only through the opening, in the
 shadow of the upper lid.
 """
@@ -26,7 +26,10 @@ from talkingeyes.rendering.view import OrbitCamera
 
 BLOCK_FRAMES = 16
 DEPTH_STEP_M = 0.004  # depth difference of adjacent pixels that is supersampled
-LIGHT_STEP = 0.06  # brightness difference that is supersampled
+# brightness difference that is supersampled, by part; hair is as fine as the pixels, and more rays would not smooth it
+LIGHT_STEP = np.array([0.25 if part == "hair" else 0.06 for part in (*PARTS, "none")], np.float32)
+TILE_PX = 16
+MARGIN = 0.25  # of the picture's size, beyond its edges: faces outside may still cast a shadow on an eye
 SUBPIXEL_OFFSETS = np.array(
     [[-0.125, -0.375], [0.375, -0.125], [-0.375, 0.125], [0.125, 0.375]], np.float32
 )  # rotated grid
@@ -95,15 +98,20 @@ class HeadRenderer:
         camera = self.view.camera
         picture = np.empty((camera.height, camera.width, 3), np.uint8)
         picture[:] = to_pixels(BACKGROUND)
-        box = self._box(vertices)
-        rays = self._rays[box]
-        if not rays.size:
+        places = self.view.project(vertices)
+        caster = RayCaster.of(self, vertices, normals, places)
+        covered = covered_tiles(places[caster.faces], camera.height, camera.width)
+        if not covered.any():
             return picture
-        caster = RayCaster.of(self, vertices, normals)
-        shape = rays.shape[:2]
-        seen = caster.trace(rays.reshape(-1, 3))
-        light = seen.light.reshape(*shape, 3)
-        edges = edge_mask(light, seen.parts.reshape(shape), seen.depth_m.reshape(shape))
+        rows, columns = (np.flatnonzero(covered.any(axis=axis)) for axis in (1, 0))
+        box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+        inside = covered[box]
+        light = np.empty((*inside.shape, 3), np.float32)
+        parts, depth_m = np.full(inside.shape, -1), np.full(inside.shape, BACKGROUND_DEPTH_M)
+        light[:] = BACKGROUND
+        seen = caster.trace(self._rays[box][inside])
+        light[inside], parts[inside], depth_m[inside] = seen.light, seen.parts, seen.depth_m
+        edges = edge_mask(light, parts, depth_m)
         finer = (self._pixels[box][edges][:, None] + SUBPIXEL_OFFSETS).reshape(-1, 2)
         light[edges] = (
             caster.trace(self.view.rays(finer).astype(np.float32))
@@ -113,17 +121,10 @@ class HeadRenderer:
         picture[box] = to_pixels(light)
         return picture
 
-    def _box(self, vertices: Float[ndarray, "V 3"]) -> tuple[slice, slice]:
-        """Rows and columns that the head may cover."""
-        camera = self.view.camera
-        places = self.view.project(vertices)
-        low, high = np.floor(places.min(axis=0)).astype(int) - 1, np.ceil(places.max(axis=0)).astype(int) + 1
-        return slice(max(low[1], 0), min(high[1], camera.height)), slice(max(low[0], 0), min(high[0], camera.width))
-
 
 @dataclass(frozen=True)
 class RayCaster:
-    """Geometry and light of one frame, ready for ray casting. `faces` are those that face the camera."""
+    """Geometry and light of one frame, ready for ray casting. `faces` are those towards the camera, in its picture."""
 
     scene: Any
     origin: Float[ndarray, " 3"]
@@ -133,22 +134,41 @@ class RayCaster:
     normals: Float[ndarray, "V 3"]
 
     @classmethod
-    def of(cls, renderer: HeadRenderer, vertices: Float[ndarray, "V 3"], normals: Float[ndarray, "V 3"]) -> RayCaster:
+    def of(
+        cls,
+        renderer: HeadRenderer,
+        vertices: Float[ndarray, "V 3"],
+        normals: Float[ndarray, "V 3"],
+        places: Float[ndarray, "V 2"],
+    ) -> RayCaster:
+        """`places`: the vertices in the picture."""
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 
         model, origin = renderer.model, renderer.view.origin.astype(np.float32)
         away = vertices - origin
-        first, second, third = (vertices[model.faces[:, corner]] for corner in range(3))
-        turned = np.einsum("fd,fd->f", np.cross(second - first, third - first), away[model.faces[:, 0]]) < 0
-        faces = np.ascontiguousarray(model.faces[turned])
+        first, second, third = model.faces.T
+        outside = _outside(places, renderer.view.camera.height, renderer.view.camera.width)
+        shown = np.flatnonzero((outside[first] & outside[second] & outside[third]) == 0)
+        first, second, third = first[shown], second[shown], third[shown]
+        edge, other = vertices[second] - vertices[first], vertices[third] - vertices[first]
+        shown = shown[np.einsum("fd,fd->f", np.cross(edge, other), away[first]) < 0]
+        faces = np.ascontiguousarray(model.faces[shown])
         scene = EmbreeScene(robust=False)
         TriangleMesh(scene, np.ascontiguousarray(vertices), faces)
-        view_directions = away / np.sqrt(np.einsum("vd,vd->v", away, away))[:, None]
-        light = vertex_light(
-            face_viewer(normals, view_directions), view_directions, model.colours, model.ambient, renderer.matt
+        light = np.zeros((len(vertices), 6), np.float32)
+        used = np.zeros(len(vertices), bool)
+        used[faces] = True
+        view_directions = away[used] / np.sqrt(np.einsum("vd,vd->v", away[used], away[used]))[:, None]
+        lit = vertex_light(
+            face_viewer(normals[used], view_directions),
+            view_directions,
+            model.colours[used],
+            model.ambient[used],
+            renderer.matt[used],
         )
-        return cls(scene, origin, faces, model.parts[turned], np.hstack([light.sky, light.lamps]), normals)
+        light[used] = np.hstack([lit.sky, lit.lamps])
+        return cls(scene, origin, faces, model.parts[shown], light, normals)
 
     def trace(self, rays: Float[ndarray, "N 3"]) -> RayHits:
         """Trace rays from the camera."""
@@ -188,6 +208,26 @@ class RayCaster:
         return lit
 
 
+def _outside(places: Float[ndarray, "V 2"], height: int, width: int) -> UInt8[ndarray, " V"]:
+    """On which sides a point is beyond the picture and its margin: a bit a side."""
+    x, y = places.T
+    sides = (x < -MARGIN * width, x > (1 + MARGIN) * width, y < -MARGIN * height, y > (1 + MARGIN) * height)
+    return np.asarray(sum(side.astype(np.uint8) << bit for bit, side in enumerate(sides)), np.uint8)
+
+
+def covered_tiles(corners: Float[ndarray, "F 3 2"], height: int, width: int) -> Bool[ndarray, "H W"]:
+    """Pixels of the tiles that the boxes around some triangles meet."""
+    tiles = np.array([-(-width // TILE_PX), -(-height // TILE_PX)])
+    low = np.clip(np.floor(corners.min(axis=1) / TILE_PX).astype(int), 0, tiles)
+    high = np.clip(np.floor(corners.max(axis=1) / TILE_PX).astype(int) + 1, 0, tiles)
+    columns, rows = tiles + 1
+    count = np.zeros(rows * columns, int)  # its sums over rows and columns are the number of boxes over each tile
+    for across, down, sign in ((low, low, 1), (low, high, -1), (high, low, -1), (high, high, 1)):
+        count += sign * np.bincount(down[:, 1] * columns + across[:, 0], minlength=rows * columns)
+    met = count.reshape(rows, columns).cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0
+    return np.repeat(np.repeat(met, TILE_PX, axis=0), TILE_PX, axis=1)[:height, :width]
+
+
 def interpolate_vertices(
     values: Float[ndarray, "V C"], corners: Int[ndarray, "N 3"], weights: tuple[Float[ndarray, " N"], ...]
 ) -> Float[ndarray, "N C"]:
@@ -210,11 +250,12 @@ def edge_mask(
 ) -> Bool[ndarray, "H W"]:
     """Pixels that differ from a neighbour in part, depth or brightness."""
     edges = np.zeros(parts.shape, bool)
+    limit = LIGHT_STEP[parts]
     green = np.sqrt(np.maximum(light[..., 1], 0.0))
     for first, second in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
         step = parts[first] != parts[second]
         step |= np.abs(depth_m[first] - depth_m[second]) > DEPTH_STEP_M
-        step |= np.abs(green[first] - green[second]) > LIGHT_STEP
+        step |= np.abs(green[first] - green[second]) > limit[first]
         edges[first] |= step
         edges[second] |= step
     return edges
