@@ -19,7 +19,7 @@ from numpy import ndarray
 from talkingeyes.head import anny_build, anny_data, vertex_colours
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.anny_build import TEETH, WholeBody
-from talkingeyes.head.eyeball import SEGMENTS
+from talkingeyes.head.eyeball import SCLERA_RADIUS_M, SEGMENTS
 from talkingeyes.head.eyelid.model import LOWER, UPPER
 from talkingeyes.head.eyelid.region import eyelid_region
 from talkingeyes.head.hair import HairStyle, clipped, grow_hair
@@ -91,9 +91,9 @@ def _swept(at: Float[ndarray, "N 3"]) -> Float[ndarray, "N 3"]:
 
 
 BOB = HairStyle(
-    locks=420,
+    locks=340,
     segments=8,
-    width_mm=8.5,
+    width_mm=9.5,
     tip=0.5,
     twist=0.7,
     flow=_bob,
@@ -104,18 +104,18 @@ BOB = HairStyle(
     unruly=0.07,
 )
 CROP = HairStyle(
-    locks=1600,
+    locks=1300,
     segments=2,
-    width_mm=2.8,
+    width_mm=3.0,
     flow=lambda at: -_tangent_to(np.array([8.0, 160.0, -40.0]), at),
     height=lambda at: 2.5 + 7.0 * np.clip((at[:, 1] - 40) / 70, 0, 1),
     length=lambda at: 5.0 + 4.0 * np.clip((at[:, 1] - 20) / 90, 0, 1),
     unruly=0.9,
 )
 SWEPT = HairStyle(
-    locks=370,
+    locks=320,
     segments=9,
-    width_mm=6.0,
+    width_mm=6.5,
     flow=_swept,
     height=lambda at: np.full(len(at), 5.0),
     length=lambda at: 1.2 * np.linalg.norm(at - [0.0, -25.0, -100.0], axis=1),
@@ -289,11 +289,13 @@ def _moved(person: Person, bare: HeadModel) -> Float[ndarray, "V 3"]:
 
 
 def _hidden(person: Person, bare: HeadModel) -> Bool[ndarray, " F"]:
-    """Faces that nobody sees: the scalp under the cap of hair, sockets behind their lining."""
+    """Faces that nobody sees: the scalp under the cap of hair, sockets behind their lining, lining in eyes."""
     at = bare.template[bare.faces] * 1000.0
     deep = _above_hairline(person, at.reshape(-1, 3)).reshape(-1, 3).min(axis=1) > UNDER_HAIR_MM
     skin, tissue = (bare.parts == PARTS.index(part) for part in ("skin", "tissue"))
-    return (skin & deep) | (tissue & (at[..., 1].min(axis=1) > 10) & (at[..., 2].max(axis=1) < SOCKET_MM))
+    eye = np.linalg.norm(bare.template[bare.faces][:, :, None] - bare.eye_centres, axis=-1).min(axis=-1).max(axis=1)
+    within = tissue & (eye < SCLERA_RADIUS_M)
+    return (skin & deep) | within | (tissue & (at[..., 1].min(axis=1) > 10) & (at[..., 2].max(axis=1) < SOCKET_MM))
 
 
 def _paint(person: Person, body: _Body, bare: HeadModel) -> Float[ndarray, "V 3"]:
