@@ -1,7 +1,8 @@
 """Hair as ribbons: locks that grow from the scalp along a field of directions, over a smooth hull of the skull.
 
 A lock is a narrow strip. Roots are drawn at random (seeded) from the skin above the hairline; locks lie at different
-heights over a solid cap, which keeps skin and background from showing through. Coordinates are those of the head, in millimetres.
+heights over a solid cap, which keeps skin and background from showing through. Coordinates are those of the head, in
+millimetres.
 """
 
 from __future__ import annotations

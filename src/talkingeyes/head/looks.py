@@ -32,13 +32,14 @@ LOOK_FILE = str(Path(__file__).parent / "assets" / "look_{}.npz")
 
 @dataclass(frozen=True)
 class Look:
-    """What dresses the open head. `moved` displaces vertices of the head. `vertices` follow those of the head without its brows, and so do their attributes.
+    """What dresses the open head. `moved` displaces vertices of the head. `vertices` follow those of the head without
+    its brows, and so do their attributes.
 
     An added vertex moves with a point of the skin (`corners`, `barycentric`); without weights, only with the joints.
     """
 
     identity: Float[ndarray, " I"]
-    moved: Float[ndarray, "V 3"]
+    moved: Float[ndarray, "N 3"]
     faces: Int[ndarray, "F 3"]
     parts: Int[ndarray, " F"]
     colours: Float[ndarray, "V 3"]

@@ -240,9 +240,9 @@ def build_look(person: Person) -> Look:
         identity=identity.astype(np.float32),
         moved=moved.astype(np.float32),
         faces=joined.astype(np.int32),
-        parts=np.concatenate([bare.parts[kept], *(np.full(len(piece.faces), PARTS.index(piece.part)) for piece in pieces)]).astype(
-            np.int32
-        ),
+        parts=np.concatenate(
+            [bare.parts[kept], *(np.full(len(piece.faces), PARTS.index(piece.part)) for piece in pieces)]
+        ).astype(np.int32),
         colours=np.concatenate([colours, *(piece.colours for piece in pieces)]).round(3).astype(np.float32),
         ambient=sky.round(3).astype(np.float32),
         vertices=join["vertices"].round(5).astype(np.float32),

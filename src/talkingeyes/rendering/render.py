@@ -1,8 +1,8 @@
 """Renders a head by ray casting on the CPU, without GPU or GL library (embree through embreex).
 
-One ray per pixel of the tiles that the head covers, and four more where part, depth or brightness change. Normals and colours
-are interpolated over each face. Eyeballs lie behind the lids, so they are visible only through the opening, in the
-shadow of the upper lid.
+One ray per pixel of the tiles that the head covers, and four more where part, depth or brightness change. Normals and
+colours are interpolated over each face. Eyeballs lie behind the lids, so they are visible only through the opening, in
+the shadow of the upper lid.
 """
 
 from __future__ import annotations
@@ -129,7 +129,8 @@ class RayCaster:
     origin: Float[ndarray, " 3"]
     faces: Int[ndarray, "F 3"]
     parts: Int[ndarray, " F"]
-    light: Float[ndarray, "V 6"]  # from the sky, from the lamps
+    light: Float[ndarray, "V 3"]  # from sky and lamps
+    lamps: Float[ndarray, "V 3"]  # the part of it that shadows take
     normals: Float[ndarray, "V 3"]
     places: Float[ndarray, "V 2"]  # in the picture
 
@@ -168,7 +169,8 @@ class RayCaster:
             model.ambient[used],
             renderer.matt[used],
         )
-        return cls(scene, origin, faces, model.parts[shown], np.hstack([light.sky, light.lamps]), normals, places[used])
+        whole = light.sky + light.lamps
+        return cls(scene, origin, faces, model.parts[shown], whole, light.lamps, normals, places[used])
 
     def trace(self, rays: Float[ndarray, "N 3"]) -> RayHits:
         """Trace rays from the camera."""
@@ -183,19 +185,16 @@ class RayCaster:
             parts[hit] = part = self.parts[prim]
             shown = interpolate_vertices(self.light, corners, weights)
             glossy = np.flatnonzero(GLOSSY[part])
-            lit = np.ones(len(hit), np.float32)
-            shine = np.zeros(len(hit), np.float32)
             if len(glossy):
                 view_directions = rays[hit[glossy]]
-                normals = interpolate_vertices(
-                    self.normals, corners[glossy], tuple(weight[glossy] for weight in weights)
-                )
-                lit[glossy] = self._lit(self.origin + met["tfar"][hit[glossy], None] * view_directions, part[glossy])
-                shine[glossy] = lit[glossy] * specular_highlights(
-                    face_viewer(normals, view_directions), view_directions, part[glossy]
-                )
-            light[hit] = shown[:, :3] + lit[:, None] * shown[:, 3:] + shine[:, None]
-        return RayHits(light, parts, np.where(parts >= 0, met["tfar"], BACKGROUND_DEPTH_M))
+                corners, weights = corners[glossy], tuple(weight[glossy] for weight in weights)
+                normals = interpolate_vertices(self.normals, corners, weights)
+                lit = self._lit(self.origin + met["tfar"][hit[glossy], None] * view_directions, part[glossy])
+                shine = specular_highlights(face_viewer(normals, view_directions), view_directions, part[glossy])
+                shadow = (1 - lit)[:, None] * interpolate_vertices(self.lamps, corners, weights)
+                shown[glossy] += (lit * shine)[:, None] - shadow
+            light[hit] = shown
+        return RayHits(light, parts, np.where(parts >= 0, met["tfar"], np.float32(BACKGROUND_DEPTH_M)))
 
     def _lit(self, points: Float[ndarray, "N 3"], parts: Int[ndarray, " N"]) -> Float[ndarray, " N"]:
         """Fraction of the lamps' light at each point: lids and brows cast shadows on the eyes."""

@@ -41,7 +41,7 @@ WRAP = 0.35  # how far diffuse light extends beyond the terminator on skin
 TINT = np.array([1.0, 0.55, 0.40], np.float32)  # of the light beyond it
 BACKGROUND = np.array([0.62, 0.67, 0.72], np.float32)
 
-SKIN_STRENGTH, SKIN_SHARPNESS = 0.075, 14
+SKIN_STRENGTH, SKIN_SHARPNESS = 0.075, 14.0
 # Strength and sharpness of the highlights of moist parts.
 _GLOSS = {"lips": (0.16, 24), "sclera": (0.55, 160), "iris": (1.5, 500), "pupil": (1.5, 500), "teeth": (0.4, 60)}
 _GLOSS |= {"tissue": (0.25, 40), "tongue": (0.2, 24), "waterline": (0.9, 60)}

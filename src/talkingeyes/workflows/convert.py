@@ -22,10 +22,10 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
 from talkingeyes.workflows.render import (
     GAUSSIANS,
+    check_look_of,
     check_output_file,
     film,
     load_gaussian_avatar,
-    check_look_of,
     load_head,
     load_shown_head,
     retarget_to_head,
@@ -105,8 +105,8 @@ def export(
     open head and FLAME, and moves the lids of vhap. `fps` resamples the motion by its events; `keys` are its edited
     saccades and blinks. `eyes` says what the forward axes of the written eyes are: lines of sight (`visual`, for
     avatars) or optical axes (`optical`, for comparison with photographs). `eyelid` is a person's model
-    (`talkingeyes eyelid fit`), for formats that pose a head; `look` that of the open head in glb and mp4. `frame` is the frame of a mesh (obj, ply), by default
-    the first.
+    (`talkingeyes eyelid fit`), for formats that pose a head; `look` that of the open head in glb and mp4. `frame` is
+    the frame of a mesh (obj, ply), by default the first.
 
     Raises InputError (one line) for invalid arguments.
     """

@@ -56,8 +56,9 @@ def render(
 
     `head` is anny (the open head), flame with your FLAME file as `model`, or gaussians with the folder of a Gaussian
     avatar (docs/head.md). `keys`: edited saccades and blinks (`talkingeyes export -f events`). `eyelid`: the lids of a
-    person (`talkingeyes eyelid fit`). `look`: that of the open head, one of `head.looks.LOOKS`. `eyes`: the pupils show the lines of sight (`visual`), so that the head looks at
-    what its motion looks at, or the optical axes (`optical`), as in photographs.
+    person (`talkingeyes eyelid fit`). `look`: that of the open head, one of `head.looks.LOOKS`. `eyes`: the pupils
+    show the lines of sight (`visual`), so that the head looks at what its motion looks at, or the optical axes
+    (`optical`), as in photographs.
 
     `camera` is a name of FRAMINGS, or numbers (`yaw=30,pitch=10,distance=0.9,height=0.3`), or a name and numbers.
     Angles are in degrees; positive angles move the camera to the subject's left and up. Raises InputError (one line)

@@ -53,17 +53,17 @@ def run_service(
     """Serve until interrupted; `on_start` is called with the URL.
 
     `live` is the model for streams; by default the one beside `model`, else the packaged one. `eyelid`: the lids of a
-    person (`talkingeyes eyelid fit`) for the head of the page and of exported files; `look`: that of this head. `jobs` is the number of processes
-    for streams. Pages of `stream_origins` may open streams. Raises InputError (one line) for an invalid model, port or
-    origin.
+    person (`talkingeyes eyelid fit`) for the head of the page and of exported files; `look`: that of this head. `jobs`
+    is the number of processes for streams. Pages of `stream_origins` may open streams. Raises InputError (one line) for
+    an invalid model, port or origin.
     """
     from talkingeyes.animation.animator import Animator
     from talkingeyes.animation.streaming import LiveModel
     from talkingeyes.apps.service.app import ServiceResources, service_app
     from talkingeyes.apps.service.worker_pool import WorkerPool
     from talkingeyes.apps.viewer.pose_encoding import head_glb
-    from talkingeyes.models.face.style import EMOTIONS
     from talkingeyes.head.looks import DEFAULT_LOOK
+    from talkingeyes.models.face.style import EMOTIONS
     from talkingeyes.workflows.render import load_shown_head
 
     for_files = find_model(model)
