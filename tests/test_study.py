@@ -346,7 +346,9 @@ def test_films_show_the_lids_of_a_person_and_a_look(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(study_workflow, "load_shown_head", load)
     monkeypatch.setattr(study_workflow, "retarget_to_head", lambda motion, *_: motion)
     monkeypatch.setattr(study_workflow, "write_film", lambda _, head, __, path: path.write_bytes(head.encode()))
-    make_study("eyelid_follow", tmp_path / "study", data=toy_data(tmp_path), allow_fewer=True, eyelid="lids.npz", look="ben")
+    make_study(
+        "eyelid_follow", tmp_path / "study", data=toy_data(tmp_path), allow_fewer=True, eyelid="lids.npz", look="ben"
+    )
     worn = [film.read_text() for film in (tmp_path / "study/films").iterdir()]
     assert asked == {("lids.npz", "ben")}
     assert set(worn) == {"lids.npz ben"}

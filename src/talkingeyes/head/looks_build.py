@@ -587,7 +587,7 @@ def _row_of_teeth(jaw: str, front_mm: float, edge_mm: float) -> tuple[ndarray, n
     """A row of teeth whose biting edge is at y = `edge_mm`: a bulging front of 4 by 4 vertices each."""
     widths, heights = TOOTH_WIDTHS[jaw], TOOTH_HEIGHTS[jaw]
     turn = np.linspace(0, np.pi / 2, 400)
-    breadth, depth = (29.5, 42.0) if jaw == "upper" else (27.5, 40.0)
+    breadth, depth = (26.0, 42.0) if jaw == "upper" else (24.5, 40.0)
     arch = np.stack([breadth * np.sin(turn) ** 0.9, front_mm - depth * (1 - np.cos(turn) ** 0.9)], -1)
     length = np.append(0, np.cumsum(np.linalg.norm(np.diff(arch, axis=0), axis=1)))
     towards = 1.0 if jaw == "upper" else -1.0  # of the gums

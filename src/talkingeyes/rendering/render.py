@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, Num, UInt8
 from numpy import ndarray
 from scipy.sparse import csr_array
 
@@ -208,8 +208,8 @@ class RayCaster:
 
 
 def _range(
-    first: Float[ndarray, " N"], second: Float[ndarray, " N"], third: Float[ndarray, " N"]
-) -> tuple[Float[ndarray, " N"], Float[ndarray, " N"]]:
+    first: Num[ndarray, " N"], second: Num[ndarray, " N"], third: Num[ndarray, " N"]
+) -> tuple[Num[ndarray, " N"], Num[ndarray, " N"]]:
     """The least and the greatest of three; faster than a reduction over so short an axis."""
     return np.minimum(np.minimum(first, second), third), np.maximum(np.maximum(first, second), third)
 
