@@ -71,9 +71,8 @@ def main() -> None:
         places = renderer.view.project(vertices[0])
         caster = RayCaster.of(renderer, vertices[0], normals[0], places)
         rays = renderer.view.rays(np.argwhere(np.ones((size, size)))[:, ::-1] + 0.5).astype(np.float32)
-        scene = cpu_ms(
-            lambda renderer=renderer, places=places: RayCaster.of(renderer, vertices[0], normals[0], places), 9
-        )  # type: ignore[misc]
+        posed = (renderer, vertices[0], normals[0], places)
+        scene = cpu_ms(lambda posed=posed: RayCaster.of(*posed), 9)  # type: ignore[misc]
         starts = np.tile(caster.origin, (len(rays), 1))
         run = cpu_ms(lambda scene=caster.scene, o=starts, rays=rays: scene.run(o, rays), 9)  # type: ignore[misc]
         trace = cpu_ms(lambda caster=caster, rays=rays: caster.trace(rays), 9)  # type: ignore[misc]

@@ -154,7 +154,7 @@ def _roots(
     weights = rng.dirichlet(np.ones(3), len(drawn))
     points = np.einsum("nk,nkd->nd", weights, corners[drawn])
     spacing = np.sqrt(areas.sum() / 2 / count)
-    free, chosen = np.ones(len(points), bool), []
+    free, chosen = np.ones(len(points), bool), list[int]()
     tree = cKDTree(points[:, :3])
     for index in range(len(points)):
         if free[index] and len(chosen) < count:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -278,7 +279,7 @@ def _above_hairline(person: Person, points_mm: Float[ndarray, "V 3"]) -> Float[n
 
 def _moved(person: Person, bare: HeadModel) -> Float[ndarray, "V 3"]:
     """Where the head's own vertices go: the tongue lies lower, ears under hair lie flat, lids hang."""
-    moved = np.zeros_like(bare.template, dtype=float)
+    moved = np.zeros(bare.template.shape)
     moved[bare.vertices_of("tongue")] = [0.0, -0.006, -0.004]
     moved += person.lids * sum(bare.expression[bare.shape(f"eyeBlink{side}")] for side in ("Left", "Right"))
     if person.ears_covered:
@@ -295,7 +296,9 @@ def _hidden(person: Person, bare: HeadModel) -> Bool[ndarray, " F"]:
     skin, tissue = (bare.parts == PARTS.index(part) for part in ("skin", "tissue"))
     eye = np.linalg.norm(bare.template[bare.faces][:, :, None] - bare.eye_centres, axis=-1).min(axis=-1).max(axis=1)
     within = tissue & (eye < SCLERA_RADIUS_M)
-    return (skin & deep) | within | (tissue & (at[..., 1].min(axis=1) > 10) & (at[..., 2].max(axis=1) < SOCKET_MM))
+    return np.asarray(
+        (skin & deep) | within | (tissue & (at[..., 1].min(axis=1) > 10) & (at[..., 2].max(axis=1) < SOCKET_MM))
+    )
 
 
 def _paint(person: Person, body: _Body, bare: HeadModel) -> Float[ndarray, "V 3"]:
@@ -347,7 +350,7 @@ def _inside(bare: HeadModel) -> Int[ndarray, " N"]:
 
 def _sockets(bare: HeadModel) -> Int[ndarray, " N"]:
     tissue = _inside(bare)
-    return tissue[bare.template[tissue, 1] > 0.01]
+    return np.asarray(tissue[bare.template[tissue, 1] > 0.01])
 
 
 def _paint_iris(colours: Float[ndarray, "V 3"], bare: HeadModel, eye: int, person: Person) -> None:
@@ -364,7 +367,7 @@ def _paint_iris(colours: Float[ndarray, "V 3"], bare: HeadModel, eye: int, perso
     colours[limbus : limbus + SEGMENTS] = 0.5 * colours[limbus : limbus + SEGMENTS] + 0.25 * outer + 0.08
 
 
-def _rigid(count: int, weights: Float[ndarray, "A 5"] | None = None) -> dict[str, ndarray]:
+def _rigid(count: int, weights: Float[ndarray, "A 5"] | None = None) -> dict[str, Any]:
     """Attributes of vertices that move with joints only, by default with the head."""
     followed = np.tile([0.0, 1.0, 0.0, 0.0, 0.0], (count, 1)) if weights is None else weights
     return {"weights": followed, "corners": np.zeros((count, 3), int), "barycentric": np.zeros((count, 3))}
@@ -416,7 +419,7 @@ def _shoulders(person: Person, body: _Body, bare: HeadModel, identity: Float[nda
     ]
 
 
-def _attached(bare: HeadModel, corners: Int[ndarray, "A 3"], barycentric: Float[ndarray, "A 3"]) -> dict[str, ndarray]:
+def _attached(bare: HeadModel, corners: Int[ndarray, "A 3"], barycentric: Float[ndarray, "A 3"]) -> dict[str, Any]:
     """Attributes of vertices that move with points of the skin."""
     weights = np.einsum("nkj,nk->nj", bare.weights[corners], barycentric)
     return {"weights": weights, "corners": corners, "barycentric": barycentric}
@@ -591,7 +594,8 @@ def _row_of_teeth(jaw: str, front_mm: float, edge_mm: float) -> tuple[ndarray, n
     arch = np.stack([breadth * np.sin(turn) ** 0.9, front_mm - depth * (1 - np.cos(turn) ** 0.9)], -1)
     length = np.append(0, np.cumsum(np.linalg.norm(np.diff(arch, axis=0), axis=1)))
     towards = 1.0 if jaw == "upper" else -1.0  # of the gums
-    points, faces, colours = [], [], []
+    points: list[ndarray] = []
+    faces, colours = [], []
     across, level = np.meshgrid([-1.0, -0.62, 0.62, 1.0], [0.0, 0.14, 0.6, 1.0])
     bulge = (
         1.3
