@@ -190,6 +190,7 @@ def write_motion(
 ) -> None:
     """Write a motion in a format other than mp4. `events` become its keys, if they are known."""
     from talkingeyes.formats.writers import arkit, bvh, event_keys, flame_parameters, glb, mesh, usd, vertices, vrm
+    from talkingeyes.head.looks import DEFAULT_LOOK
 
     expression = FORMATS[format].expression
     shown_on = head if expression == "chosen" else "anny"
@@ -198,6 +199,7 @@ def write_motion(
     target_head = (
         load_shown_head(shown_on, shown_file, eyelid, look) if dressed else load_head(shown_on, shown_file, eyelid)
     )
+    worn = (look or DEFAULT_LOOK) if dressed and shown_on == "anny" else None
     turned = to_forward_axes(motion, eyes)
     shown = turned if expression == "none" else retarget_expression(turned, expression, target_head, model)
     writers: dict[str, Callable[[], None]] = {
@@ -208,7 +210,7 @@ def write_motion(
         "diffposetalk": lambda: flame_parameters.write_diffposetalk(shown, path, eyes),
         "livelink": lambda: arkit.write_live_link(shown, path),
         "arkit": lambda: arkit.write_json(shown, path, eyes),
-        "glb": lambda: glb.write_glb(shown, target_head, path, eyes),
+        "glb": lambda: glb.write_glb(shown, target_head, path, eyes, worn),
         "vrm": lambda: vrm.write_vrm(shown, path, eyes),
         "usd": lambda: usd.write_usd(shown, target_head, path, eyes),
         "vocaset": lambda: vertices.write_vertices(shown, target_head, path),
