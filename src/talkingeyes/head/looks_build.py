@@ -247,7 +247,7 @@ def build_look(person: Person) -> Look:
         colours=np.concatenate([colours, *(piece.colours for piece in pieces)]).round(3).astype(np.float32),
         ambient=sky.round(3).astype(np.float32),
         vertices=join["vertices"].round(5).astype(np.float32),
-        weights=join["weights"].round(3).astype(np.float32),
+        weights=(join["weights"].round(3) / join["weights"].round(3).sum(axis=1, keepdims=True)).astype(np.float32),
         corners=join["corners"].astype(np.int32),
         barycentric=join["barycentric"].round(4).astype(np.float32),
     )

@@ -26,7 +26,7 @@ INFLUENCES = 4  # joints per vertex in glTF's first set
 
 
 def write_glb(motion: Motion, head: HeadModel, path: Path, eyes: str = "visual", look: str | None = None) -> None:
-    """Write the head with its motion; `eyes` is stated as its forward axes, and the head's look, which lids depend on."""
+    """Write the head with its motion; `eyes` is stated as its forward axes, and `look`, which lids depend on."""
     gltf = Gltf()
     gltf.document["asset"]["extras"] = {FORWARD_AXIS_KEY: eyes} | ({} if look is None else {LOOK_KEY: look})
     pose = motion_to_pose(head, motion)
