@@ -209,7 +209,7 @@ def test_glb_poses_the_head_like_this_package(made: Path, tmp_path: Path) -> Non
         points = np.concatenate([rest, np.ones((len(rest), 1))], axis=1)
         bones = np.stack([world[node] @ inverse[k] for k, node in enumerate(skin.joints)])
         shown = np.einsum("vk,vkij,vj->vi", weights, bones[joints], points)[:, :3]
-        np.testing.assert_allclose(shown, wanted, atol=1e-5)  # metres
+        np.testing.assert_allclose(shown, wanted, atol=2e-5)  # metres
 
 
 def test_vrm_looks_where_both_eyes_look_and_blinks(made: Path, tmp_path: Path) -> None:
