@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw
 
 from talkingeyes.audio.annotation import Phoneme
 from talkingeyes.core.motion import Motion
-from talkingeyes.head.anny import anny_head
+from talkingeyes.head.looks import dressed_head
 from talkingeyes.orchestration.run import configure_environment
 from talkingeyes.physiology.articulation import APEX, ArticulationStyle, MouthMotion, mouth_motion
 from talkingeyes.physiology.face import (
@@ -49,7 +49,7 @@ def shown(face: FacialBehaviour, spoken: MouthMotion, times_s: np.ndarray) -> Mo
 
 def sheet(motions: Sequence[Motion], labels: Sequence[str], columns: int, path: Path) -> None:
     """All frames in rows, labelled."""
-    head = anny_head()
+    head = dressed_head()
     renderer = HeadRenderer(head, FRAMINGS["face"].centred_on(head.eye_centres).view(SIZE_PX, SIZE_PX))
     frames = [frame for motion in motions for frame in renderer.draw(motion)]
     image = Image.new("RGB", (SIZE_PX * columns, SIZE_PX * -(-len(frames) // columns)))
