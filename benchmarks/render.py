@@ -18,6 +18,7 @@ from talkingeyes.core.rotation import angles_to_gaze
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.anny_build import build_anny_head
 from talkingeyes.head.gaussian_avatar import load_avatar
+from talkingeyes.head.looks import dressed_head
 from talkingeyes.head.normals import vertex_normals
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
@@ -51,8 +52,8 @@ def main() -> None:
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     frames = int(sys.argv[1]) if len(sys.argv) > 1 else 24
     print(f"build of the head: {cpu_ms(build_anny_head, 1):.0f} ms")
-    head, motion = anny_head(), test_motion(frames)
-    avatar = load_avatar(Path(sys.argv[2])) if len(sys.argv) > 2 else build_avatar(head)
+    head, motion = dressed_head(), test_motion(frames)
+    avatar = load_avatar(Path(sys.argv[2])) if len(sys.argv) > 2 else build_avatar(anny_head())
     splats = AvatarRenderer(avatar, FRAMINGS["head"].view(512, 512))
     film = cpu_ms(lambda: list(splats.draw(motion)), 3) / frames
     print(
@@ -67,9 +68,11 @@ def main() -> None:
         renderer = HeadRenderer(head, FRAMINGS["head"].view(size, size))
         next(renderer.draw(motion))
         film = cpu_ms(lambda renderer=renderer: list(renderer.draw(motion)), 3) / frames  # type: ignore[misc]
-        caster = RayCaster.of(renderer, vertices[0], normals[0])
+        places = renderer.view.project(vertices[0])
+        caster = RayCaster.of(renderer, vertices[0], normals[0], places)
         rays = renderer.view.rays(np.argwhere(np.ones((size, size)))[:, ::-1] + 0.5).astype(np.float32)
-        scene = cpu_ms(lambda renderer=renderer: RayCaster.of(renderer, vertices[0], normals[0]), 9)  # type: ignore[misc]
+        posed = (renderer, vertices[0], normals[0], places)
+        scene = cpu_ms(lambda posed=posed: RayCaster.of(*posed), 9)  # type: ignore[misc]
         starts = np.tile(caster.origin, (len(rays), 1))
         run = cpu_ms(lambda scene=caster.scene, o=starts, rays=rays: scene.run(o, rays), 9)  # type: ignore[misc]
         trace = cpu_ms(lambda caster=caster, rays=rays: caster.trace(rays), 9)  # type: ignore[misc]

@@ -11,7 +11,7 @@ import pytest
 from talkingeyes.core.errors import InputError
 from talkingeyes.head import anny, anny_data, eyeball
 from talkingeyes.head.landmark_definitions import LANDMARK_NAMES, cast_from_front
-from talkingeyes.head.model import PARTS, HeadModel, Landmarks, load_head
+from talkingeyes.head.model import LOOK_PARTS, PARTS, HeadModel, Landmarks, load_head
 from talkingeyes.head.posing import expression_shape_names
 
 
@@ -38,7 +38,7 @@ def test_it_has_the_actions_of_arkit_and_every_part() -> None:
     arkit = [name for name in head.expression_names if not name.startswith("lid")]
     assert len(arkit) == 52
     assert len(expression_shape_names(head)) == 38
-    assert set(head.parts) == set(range(len(PARTS)))
+    assert set(head.parts) == {at for at, part in enumerate(PARTS) if part not in LOOK_PARTS}
     np.testing.assert_allclose(head.weights.sum(axis=1), 1, atol=1e-5)
     assert np.all((head.ambient >= 0) & (head.ambient <= 1))
 

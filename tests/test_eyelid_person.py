@@ -98,7 +98,7 @@ def test_the_service_shows_the_lids_of_a_person(model: Path, tmp_path: Path, mon
     monkeypatch.setattr(app, "service_app", lambda resources, *_: heads.append(resources.head))
     monkeypatch.setattr(serve, "serve", lambda *_: None)
     monkeypatch.setattr(serve.signal, "signal", lambda *_: None)
-    export = serve.file_workers("model", str(model))
+    export = serve.file_workers("model", "ada", str(model))
     for name in ("glb", "mp4", "arkit"):
         export(("export", tmp_path, name, tmp_path / "file"))
     assert asked == {"glb": str(model), "mp4": str(model), "arkit": None}

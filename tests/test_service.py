@@ -323,9 +323,9 @@ class TestStreams:
         whole = live.generate_offline(heard.astype(np.float32), 5)
         from talkingeyes.animation.line_of_sight import to_forward_axes
         from talkingeyes.apps.viewer.pose_encoding import pose_rows
-        from talkingeyes.head.anny import anny_head
+        from talkingeyes.head.looks import dressed_head
 
-        np.testing.assert_allclose(rows, pose_rows(anny_head(), to_forward_axes(whole)), atol=1e-4)
+        np.testing.assert_allclose(rows, pose_rows(dressed_head(), to_forward_axes(whole)), atol=1e-4)
 
     def test_nods_answer_the_second_channel(self, service: Service) -> None:
         live, own, partner = LiveModel.load(service.live), np.zeros(6 * SAMPLE_RATE), phrases(6.0)
@@ -338,9 +338,9 @@ class TestStreams:
         assert end["frames"] == len(rows) == 6 * 25
         from talkingeyes.animation.line_of_sight import to_forward_axes
         from talkingeyes.apps.viewer.pose_encoding import pose_rows
-        from talkingeyes.head.anny import anny_head
+        from talkingeyes.head.looks import dressed_head
 
-        np.testing.assert_allclose(rows, pose_rows(anny_head(), to_forward_axes(whole)), atol=1e-4)
+        np.testing.assert_allclose(rows, pose_rows(dressed_head(), to_forward_axes(whole)), atol=1e-4)
 
     def test_json_frames_are_the_rows(self, service: Service) -> None:
         """An independent decoding: quaternions and coefficients of the frames against the rows of the same stream."""

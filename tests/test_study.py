@@ -336,19 +336,22 @@ def test_films_are_rendered_from_a_chain(tmp_path: Path, monkeypatch: pytest.Mon
         make_study("own.yaml", "study", data=data, size=32)
 
 
-def test_films_show_the_lids_of_a_person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_films_show_the_lids_of_a_person_and_a_look(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = set()
 
-    def load(_: str, __: None, eyelid: str) -> object:
-        asked.add(eyelid)
-        return eyelid
+    def load(eyelid: str, look: str) -> object:
+        asked.add((eyelid, look))
+        return f"{eyelid} {look}"
 
-    monkeypatch.setattr(study_workflow, "load_head", load)
+    monkeypatch.setattr(study_workflow, "load_shown_head", load)
     monkeypatch.setattr(study_workflow, "retarget_to_head", lambda motion, *_: motion)
     monkeypatch.setattr(study_workflow, "write_film", lambda _, head, __, path: path.write_bytes(head.encode()))
-    make_study("eyelid_follow", tmp_path / "study", data=toy_data(tmp_path), allow_fewer=True, eyelid="lids.npz")
+    make_study(
+        "eyelid_follow", tmp_path / "study", data=toy_data(tmp_path), allow_fewer=True, eyelid="lids.npz", look="ben"
+    )
     worn = [film.read_text() for film in (tmp_path / "study/films").iterdir()]
-    assert asked == set(worn) == {"lids.npz"}
+    assert asked == {("lids.npz", "ben")}
+    assert set(worn) == {"lids.npz ben"}
 
 
 @pytest.mark.browser

@@ -18,9 +18,9 @@ from PIL import Image, ImageDraw
 from talkingeyes.audio.annotation import Phoneme
 from talkingeyes.core.motion import Motion
 from talkingeyes.evaluation.text_tables import markdown_table
-from talkingeyes.head.anny import anny_head
 from talkingeyes.head.landmark_definitions import LANDMARK_NAMES
 from talkingeyes.head.landmarks import motion_landmarks
+from talkingeyes.head.looks import dressed_head
 from talkingeyes.orchestration.run import configure_environment
 from talkingeyes.physiology.articulation import APEX, ArticulationStyle, MouthMotion, mouth_motion
 from talkingeyes.physiology.face import (
@@ -68,7 +68,7 @@ def silent(emotion: str, share: float) -> Motion:
 
 def sheet(motions: Sequence[Motion], labels: Sequence[str], size_px: int, path: Path) -> None:
     """All frames in rows of eight, with their labels."""
-    head = anny_head()
+    head = dressed_head()
     renderer = HeadRenderer(head, FRAMINGS["face"].centred_on(head.eye_centres).view(size_px, size_px))
     frames = [frame for motion in motions for frame in renderer.draw(motion)]
     image = Image.new("RGB", (size_px * 8, size_px * -(-len(frames) // 8)))

@@ -13,7 +13,7 @@ from pathlib import Path
 from PIL import Image
 
 from talkingeyes.animation.line_of_sight import to_forward_axes
-from talkingeyes.head.anny import anny_head
+from talkingeyes.head.looks import dressed_head
 from talkingeyes.orchestration.run import configure_environment
 from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.view import FRAMINGS
@@ -24,7 +24,7 @@ SECONDS, SAMPLES, SIZE_PX, EVERY = 8.0, 3, 300, 2  # every second frame of 25 pe
 
 def draw(folder: Path) -> None:
     """Write the picture."""
-    head = anny_head()
+    head = dressed_head()
     renderer = HeadRenderer(head, FRAMINGS["head"].view(SIZE_PX, SIZE_PX))
     sound = str(files("moonshine_voice") / "assets/two_cities.wav")
     rows = []

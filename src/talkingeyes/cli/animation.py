@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from talkingeyes.cli.head_options import Eyelid
+from talkingeyes.cli.head_options import Eyelid, Look
 from talkingeyes.cli.performance_options import (
     BlinkLiveliness,
     Blinks,
@@ -93,6 +93,7 @@ def animate(
         ),
     ] = "visual",
     eyelid: Eyelid = None,
+    look: Look = None,
     previews: Annotated[
         bool, typer.Option(help="Write a small video of each motion, a plot and a contact sheet.")
     ] = True,
@@ -130,7 +131,9 @@ def animate(
         without=without or (),
         replaced=_parts(replaced or []),
     )
-    options = AnimationOptions(samples, seed, float(fps), controls, tuple(formats or ()), previews, flame, eyes, eyelid)
+    options = AnimationOptions(
+        samples, seed, float(fps), controls, tuple(formats or ()), previews, flame, eyes, eyelid, look
+    )
     if dialogue:
         _animate_dialogue(sounds, out, options, model, force)
         return

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from talkingeyes.cli.head_options import Eyelid
+from talkingeyes.cli.head_options import Eyelid, Look
 
 Joints = Annotated[
     list[str] | None,
@@ -49,6 +49,7 @@ def export_motion(
         ),
     ] = None,
     eyelid: Eyelid = None,
+    look: Look = None,
     fps: Annotated[
         float | None, typer.Option(help="Frame rate of the output, 10 to 240. Default: that of the motion.")
     ] = None,
@@ -74,6 +75,7 @@ def export_motion(
         head=head,
         model=model,
         eyelid=eyelid,
+        look=look,
         fps=fps,
         eyes=eyes,
         keys=keys,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from talkingeyes.cli.head_options import Eyelid
+from talkingeyes.cli.head_options import Eyelid, Look
 
 
 def render(
@@ -19,6 +19,7 @@ def render(
         typer.Option(help="Your FLAME file, for --head flame; the folder of an avatar, for --head gaussians."),
     ] = None,
     eyelid: Eyelid = None,
+    look: Look = None,
     camera: Annotated[
         str,
         typer.Option(help="head, face, eyes, left or right; or yaw=, pitch= (degrees), distance=, height= (metres)."),
@@ -40,6 +41,7 @@ def render(
         head=head,
         model=model,
         eyelid=eyelid,
+        look=look,
         camera=camera,
         sound=sound,
         size=size,
@@ -57,13 +59,14 @@ def render_head(
     head: Annotated[str, typer.Option(help="anny (the open head) or flame.")] = "anny",
     model: Annotated[Path | None, typer.Option(help="Your FLAME file, for --head flame.")] = None,
     eyelid: Eyelid = None,
+    look: Look = None,
     size: Annotated[int, typer.Option(help="Width in pixels.")] = 1400,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
 ) -> None:
     """Render a sheet of a head: gaze in nine directions, lids at five openings."""
     from talkingeyes.workflows.render import render_head_sheet
 
-    render_head_sheet(out, head=head, model=model, eyelid=eyelid, size=size, force=force)
+    render_head_sheet(out, head=head, model=model, eyelid=eyelid, look=look, size=size, force=force)
     typer.echo(f"{out}: gaze in nine directions, lids at five openings")
 
 

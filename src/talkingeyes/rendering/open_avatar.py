@@ -34,7 +34,7 @@ GAUSSIANS = 50_000
 COEFFICIENTS = 4  # harmonics of degree 1
 WIDTH, EYE_WIDTH, THICKNESS_M, OPACITY = 2.4, 1.8, 0.0001, 0.99
 PART_SIZE = {"skin": 1.0, "lips": 1.6, "brow": 2.0, "sclera": 2.2, "iris": 3.0, "pupil": 3.0}
-PART_SIZE |= {"teeth": 1.3, "tongue": 0.8, "tissue": 0.5}
+PART_SIZE |= {"teeth": 1.3, "tongue": 0.8, "tissue": 0.5}  # other parts, of looks: 1
 EYE_REGION_M, EYE_REGION_SIZE, BACK_SIZE = 0.022, 3.0, 0.6
 FLAT = 0.4  # change of the normal over a triangle, above which skin counts as larger: ears
 SIZE_PX = 384
@@ -88,7 +88,7 @@ def _bisected(head: HeadModel, count: int) -> tuple[Int[ndarray, " N"], Float[nd
     """Triangles of parts of the faces, and the barycentric coordinates of their corners."""
     points = head.template[head.faces]
     middle = points.mean(axis=1)
-    sizes = np.array([PART_SIZE[part] for part in PARTS])[head.parts]
+    sizes = np.array([PART_SIZE.get(part, 1.0) for part in PARTS])[head.parts]
     skin = head.parts == PARTS.index("skin")
     near = np.linalg.norm(middle[:, None] - head.eye_centres, axis=2).min(axis=1) < EYE_REGION_M
     sizes[skin & near] = EYE_REGION_SIZE

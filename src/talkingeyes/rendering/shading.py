@@ -43,12 +43,12 @@ BACKGROUND = np.array([0.62, 0.67, 0.72], np.float32)
 
 SKIN_STRENGTH, SKIN_SHARPNESS = 0.075, 14.0
 # Strength and sharpness of the highlights of moist parts.
-_GLOSS = {"lips": (0.16, 24), "sclera": (0.55, 160), "iris": (0.9, 220), "pupil": (0.9, 220), "teeth": (0.4, 60)}
-_GLOSS |= {"tissue": (0.25, 40), "tongue": (0.2, 24)}
+_GLOSS = {"lips": (0.16, 24), "sclera": (0.55, 160), "iris": (1.5, 500), "pupil": (1.5, 500), "teeth": (0.4, 60)}
+_GLOSS |= {"tissue": (0.25, 40), "tongue": (0.2, 24), "waterline": (0.9, 60)}
 STRENGTH, SHARPNESS = (np.array([_GLOSS.get(part, (0, 1))[at] for part in PARTS], np.float32) for at in range(2))
 GLOSSY = STRENGTH > 0
 EYE = np.isin(PARTS, ["sclera", "iris", "pupil"])
-MATT = np.isin(PARTS, ["sclera", "iris", "pupil", "teeth"])  # without subsurface scattering
+MATT = np.isin(PARTS, ["sclera", "iris", "pupil", "teeth", "lash", "cloth"])  # without subsurface scattering
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def vertex_light(
         lamps += around * np.array(lamp.colour, np.float32)
         shine += specular(normals, view_directions, lamp, SKIN_SHARPNESS) * (cosine > 0)
     edge = 1 - np.maximum(-np.einsum("vd,vd->v", normals, view_directions), 0)
-    shine *= np.where(matt, 0.0, SKIN_STRENGTH) * (1 + 3 * edge**3) * ambient * colours[:, 0] / 0.6
+    shine *= np.where(matt, 0.0, SKIN_STRENGTH) * (1 + 3 * edge**3) * ambient * (0.35 + 1.1 * colours[:, 0])
     return VertexLight(sky, (colours * lamps + shine[:, None]) * (0.35 + 0.65 * ambient)[:, None])
 
 

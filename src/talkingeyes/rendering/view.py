@@ -43,7 +43,7 @@ class OrbitCamera:
     def rays(self, pixels: Float[ndarray, "N 2"]) -> Float[ndarray, "N 3"]:
         """Unit directions of the rays through pixels (x, y)."""
         x, y = ((pixels[:, axis] - self.camera.centre_px[axis]) / self.camera.focal_px for axis in range(2))
-        rays = np.stack([x, -y, np.full_like(x, -1.0)], axis=-1) @ self.turn.T
+        rays = np.stack([x, -y, np.full_like(x, -1.0)], axis=-1) @ self.turn.T.astype(pixels.dtype)
         return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
 

@@ -31,7 +31,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.progress import progress_bar
 from talkingeyes.orchestration.run import code_digest
 from talkingeyes.workflows import convert
-from talkingeyes.workflows.render import load_head
+from talkingeyes.workflows.render import check_look_of, load_shown_head
 
 if TYPE_CHECKING:
     from talkingeyes.animation.animation import Animation
@@ -60,7 +60,8 @@ class AnimationOptions:
 
     `flame` is the user's own FLAME file, which maps the face for formats on the FLAME head. `eyes` says what the
     forward axes of the eyes are in the formats: lines of sight (`visual`) or optical axes (`optical`); previews show
-    the first. `eyelid` is a person's model (`talkingeyes eyelid fit`), for the heads of formats and previews.
+    the first. `eyelid` is a person's model (`talkingeyes eyelid fit`), for the heads of formats and previews; `look`
+    that of the open head (`head.looks.LOOKS`).
     """
 
     samples: int = 3
@@ -72,6 +73,7 @@ class AnimationOptions:
     flame: Path | None = None
     eyes: str = "visual"
     eyelid: Path | None = None
+    look: str | None = None
 
     def __post_init__(self) -> None:
         """Raises InputError (one line) for an invalid number or format."""
@@ -89,6 +91,7 @@ class AnimationOptions:
             from talkingeyes.head.eyelid.person import load_person
 
             load_person(self.eyelid)
+        check_look_of("anny", self.look)
 
 
 def animate(
@@ -135,11 +138,12 @@ def animate_to_folder(
     flame: Path | str | None = None,
     eyes: str = "visual",
     eyelid: Path | str | None = None,
+    look: str | None = None,
     force: bool = False,
 ) -> list[Animation]:
     """Animate speech into a folder: motions, events, videos, a plot, and the chosen formats of `convert.FORMATS`.
 
-    `eyes` and `eyelid` are as for `export`. `force` overwrites the output of an earlier call.
+    `eyes`, `eyelid` and `look` are as for `export`. `force` overwrites the output of an earlier call.
     """
     options = AnimationOptions(
         samples,
@@ -151,6 +155,7 @@ def animate_to_folder(
         None if flame is None else Path(flame),
         eyes,
         None if eyelid is None else Path(eyelid),
+        look,
     )
     return run_animation(speech, out, options, model, force)
 
@@ -289,7 +294,7 @@ def write_animation(
         for index, performance in enumerate(animations):
             _write_sample(folder / f"sample_{index:02d}", performance, sound, options, show_progress)
         if options.previews:
-            _draw(folder, animations, sound, options.eyelid)
+            _draw(folder, animations, sound, options)
         (folder / MANIFEST_FILE).write_text(json.dumps(manifest, indent=1, allow_nan=False) + "\n")
 
 
@@ -305,16 +310,26 @@ def _write_sample(
     for format in options.formats:
         path = convert.sibling_name(stem, format)
         convert.write_motion(
-            motion, performance.events, format, path, model=options.flame, eyes=options.eyes, eyelid=options.eyelid
+            motion,
+            performance.events,
+            format,
+            path,
+            model=options.flame,
+            eyes=options.eyes,
+            eyelid=options.eyelid,
+            look=options.look,
         )
     if options.previews:
-        renderer = HeadRenderer(load_head("anny", None, options.eyelid), FRAMINGS["head"].view(VIDEO_PX, VIDEO_PX))
+        head = load_shown_head(eyelid=options.eyelid, look=options.look)
+        renderer = HeadRenderer(head, FRAMINGS["head"].view(VIDEO_PX, VIDEO_PX))
         frames = renderer.draw(to_forward_axes(motion))
         previews = progress_bar(frames, f"{stem.name}.mp4", len(motion)) if show_progress else frames
         write_video(stem.with_name(f"{stem.name}.mp4"), iter(previews), motion.fps, sound)
 
 
-def _draw(folder: Path, animations: Sequence[Animation], sound: Float[ndarray, " N"], eyelid: Path | None) -> None:
+def _draw(
+    folder: Path, animations: Sequence[Animation], sound: Float[ndarray, " N"], options: AnimationOptions
+) -> None:
     from PIL import Image
 
     from talkingeyes.rendering.contact_sheet import contact_sheet
@@ -324,4 +339,5 @@ def _draw(folder: Path, animations: Sequence[Animation], sound: Float[ndarray, "
     plot_traces(motions, sound, folder / "traces.png")
     times_s = [(column + 0.5) * motions[0].seconds / SHEET_COLUMNS for column in range(SHEET_COLUMNS)]
     shown = [to_forward_axes(motion) for motion in motions[:SHEET_ROWS]]
-    Image.fromarray(contact_sheet(load_head("anny", None, eyelid), shown, times_s, SHEET_PX)).save(folder / "sheet.png")
+    head = load_shown_head(eyelid=options.eyelid, look=options.look)
+    Image.fromarray(contact_sheet(head, shown, times_s, SHEET_PX)).save(folder / "sheet.png")

@@ -22,10 +22,12 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
 from talkingeyes.workflows.render import (
     GAUSSIANS,
+    check_look_of,
     check_output_file,
     film,
     load_gaussian_avatar,
     load_head,
+    load_shown_head,
     retarget_to_head,
 )
 
@@ -66,6 +68,7 @@ FORMATS = {
 
 
 MESH_FORMATS = ("obj", "ply")  # of one frame
+LOOK_FORMATS = ("glb", "mp4")  # that show the open head with a look
 ANIMATE_FORMATS = tuple(
     name for name in FORMATS if name not in ("mp4", *MESH_FORMATS)
 )  # formats of `animate -f`, which writes videos anyway
@@ -89,6 +92,7 @@ def export(
     fps: float | None = None,
     eyes: str = "visual",
     eyelid: Path | str | None = None,
+    look: str | None = None,
     keys: Path | str | None = None,
     sound: Path | str | None = None,
     frame: int | None = None,
@@ -101,8 +105,8 @@ def export(
     open head and FLAME, and moves the lids of vhap. `fps` resamples the motion by its events; `keys` are its edited
     saccades and blinks. `eyes` says what the forward axes of the written eyes are: lines of sight (`visual`, for
     avatars) or optical axes (`optical`, for comparison with photographs). `eyelid` is a person's model
-    (`talkingeyes eyelid fit`), for formats that pose a head. `frame` is the frame of a mesh (obj, ply), by default
-    the first.
+    (`talkingeyes eyelid fit`), for formats that pose a head; `look` that of the open head in glb and mp4. `frame` is
+    the frame of a mesh (obj, ply), by default the first.
 
     Raises InputError (one line) for invalid arguments.
     """
@@ -115,6 +119,9 @@ def export(
         raise InputError(f"frame: should be used with {' and '.join(MESH_FORMATS)} only, got {named}")
     if eyelid is not None and FORMATS[named].expression != "chosen":
         raise InputError(f"eyelid: should be used with formats that pose a head, got {named}")
+    if look is not None and named not in LOOK_FORMATS:
+        raise InputError(f"look: should be used with {' and '.join(LOOK_FORMATS)} only, got {named}")
+    check_look_of(head, look)
     check_forward_axis(eyes)
     output_path = check_output_file(
         Path(out), FORMATS[named].suffix, force, [Path(motion)] if isinstance(motion, Path | str) else []
@@ -134,7 +141,7 @@ def export(
     if named in MESH_FORMATS:
         shown = _single_frame(shown, frame or 0)
     if named == "mp4":
-        return film(shown, output_path, head=head, model=model, sound=sound, eyes=eyes, eyelid=eyelid)
+        return film(shown, output_path, head=head, model=model, sound=sound, eyes=eyes, eyelid=eyelid, look=look)
     with writing(out):
         if named == "ply" and head == GAUSSIANS:
             from talkingeyes.formats.writers.gaussians import write_posed_gaussians
@@ -143,7 +150,7 @@ def export(
             played = to_forward_axes(retarget_to_head(shown, avatar.head, None), eyes)
             write_posed_gaussians(played, avatar, output_path)
         else:
-            write_motion(shown, events, named, output_path, head, model, eyes, eyelid)
+            write_motion(shown, events, named, output_path, head, model, eyes, eyelid, look)
     return shown
 
 
@@ -179,13 +186,20 @@ def write_motion(
     model: Path | str | None = None,
     eyes: str = "visual",
     eyelid: Path | str | None = None,
+    look: str | None = None,
 ) -> None:
     """Write a motion in a format other than mp4. `events` become its keys, if they are known."""
     from talkingeyes.formats.writers import arkit, bvh, event_keys, flame_parameters, glb, mesh, usd, vertices, vrm
+    from talkingeyes.head.looks import DEFAULT_LOOK
 
     expression = FORMATS[format].expression
     shown_on = head if expression == "chosen" else "anny"
-    target_head = load_head(shown_on, None if shown_on == "anny" else model, eyelid)
+    shown_file = None if shown_on == "anny" else model
+    dressed = format in LOOK_FORMATS
+    target_head = (
+        load_shown_head(shown_on, shown_file, eyelid, look) if dressed else load_head(shown_on, shown_file, eyelid)
+    )
+    worn = (look or DEFAULT_LOOK) if dressed and shown_on == "anny" else None
     turned = to_forward_axes(motion, eyes)
     shown = turned if expression == "none" else retarget_expression(turned, expression, target_head, model)
     writers: dict[str, Callable[[], None]] = {
@@ -196,7 +210,7 @@ def write_motion(
         "diffposetalk": lambda: flame_parameters.write_diffposetalk(shown, path, eyes),
         "livelink": lambda: arkit.write_live_link(shown, path),
         "arkit": lambda: arkit.write_json(shown, path, eyes),
-        "glb": lambda: glb.write_glb(shown, target_head, path, eyes),
+        "glb": lambda: glb.write_glb(shown, target_head, path, eyes, worn),
         "vrm": lambda: vrm.write_vrm(shown, path, eyes),
         "usd": lambda: usd.write_usd(shown, target_head, path, eyes),
         "vocaset": lambda: vertices.write_vertices(shown, target_head, path),

@@ -21,6 +21,7 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.rendering.view import FRAMINGS, Framing
 
 if TYPE_CHECKING:
+    from talkingeyes.head.eyelid.model import EyelidModel
     from talkingeyes.head.gaussian_avatar import GaussianAvatar
     from talkingeyes.head.model import HeadModel
 
@@ -47,6 +48,7 @@ def render(
     size: int = 512,
     eyes: str = "visual",
     eyelid: Path | str | None = None,
+    look: str | None = None,
     keys: Path | str | None = None,
     force: bool = False,
 ) -> Motion:
@@ -54,8 +56,9 @@ def render(
 
     `head` is anny (the open head), flame with your FLAME file as `model`, or gaussians with the folder of a Gaussian
     avatar (docs/head.md). `keys`: edited saccades and blinks (`talkingeyes export -f events`). `eyelid`: the lids of a
-    person (`talkingeyes eyelid fit`). `eyes`: the pupils show the lines of sight (`visual`), so that the head looks at
-    what its motion looks at, or the optical axes (`optical`), as in photographs.
+    person (`talkingeyes eyelid fit`). `look`: that of the open head, one of `head.looks.LOOKS`. `eyes`: the pupils
+    show the lines of sight (`visual`), so that the head looks at what its motion looks at, or the optical axes
+    (`optical`), as in photographs.
 
     `camera` is a name of FRAMINGS, or numbers (`yaw=30,pitch=10,distance=0.9,height=0.3`), or a name and numbers.
     Angles are in degrees; positive angles move the camera to the subject's left and up. Raises InputError (one line)
@@ -70,7 +73,18 @@ def render(
         from talkingeyes.animation.event_keys import apply_key_edits, load_keys
 
         shown = apply_key_edits(shown, load_keys(Path(keys)))
-    return film(shown, target, head=head, model=model, camera=camera, sound=sound, size=size, eyes=eyes, eyelid=eyelid)
+    return film(
+        shown,
+        target,
+        head=head,
+        model=model,
+        camera=camera,
+        sound=sound,
+        size=size,
+        eyes=eyes,
+        eyelid=eyelid,
+        look=look,
+    )
 
 
 def film(
@@ -84,6 +98,7 @@ def film(
     size: int = 512,
     eyes: str = "visual",
     eyelid: Path | str | None = None,
+    look: str | None = None,
 ) -> Motion:
     """Render a motion on a head as a video; returns the motion retargeted to the head."""
     from talkingeyes.audio.waveform import read_speech
@@ -95,8 +110,9 @@ def film(
     if head not in (*HEAD_MODELS, GAUSSIANS):
         raise InputError(f"head: should be one of {', '.join(HEAD_MODELS)}, {GAUSSIANS}, got {head!r}")
     audio = None if sound is None else read_speech(sound)
+    check_look_of(head, look)
     avatar = load_gaussian_avatar(model, eyelid) if head == GAUSSIANS else None
-    target_head = load_head(head, model, eyelid) if avatar is None else avatar.head
+    target_head = load_shown_head(head, model, eyelid, look) if avatar is None else avatar.head
     played = retarget_to_head(motion, target_head, None if avatar else model)
     view = parse_camera(camera).centred_on(target_head.eye_centres).view(size, size)
     renderer = HeadRenderer(target_head, view) if avatar is None else AvatarRenderer(avatar, view)
@@ -112,6 +128,7 @@ def render_head_sheet(
     head: str = "anny",
     model: Path | str | None = None,
     eyelid: Path | str | None = None,
+    look: str | None = None,
     size: int = 1400,
     force: bool = False,
 ) -> None:
@@ -122,7 +139,7 @@ def render_head_sheet(
 
     target = check_output_file(Path(out), ".png", force)
     _within("size", size, SHEET_BOUNDS_PX)
-    image = Image.fromarray(eyes_sheet(load_head(head, model, eyelid), size))
+    image = Image.fromarray(eyes_sheet(load_shown_head(head, model, eyelid, look), size))
     with writing(out), atomic_write(target) as partial:
         image.save(partial, format="png")
 
@@ -160,6 +177,29 @@ def parse_camera(camera: str) -> Framing:
     return framing
 
 
+def load_shown_head(
+    head: str = "anny", model: Path | str | None = None, eyelid: Path | str | None = None, look: str | None = None
+) -> HeadModel:
+    """The head of `load_head` as it is drawn: the open head has a look, by default `head.looks.DEFAULT_LOOK`."""
+    check_look_of(head, look)
+    if head != "anny" or model is not None:
+        return load_head(head, model, eyelid)
+    from talkingeyes.head.looks import DEFAULT_LOOK, dressed_head
+
+    return dressed_head(look or DEFAULT_LOOK, None if eyelid is None else _person_lids(eyelid))
+
+
+def check_look_of(head: str, look: str | None) -> None:
+    """Raises InputError for an unknown look, and for a look of another head than the open one."""
+    if look is None:
+        return
+    from talkingeyes.head.looks import check_look
+
+    check_look(look)
+    if head != "anny":
+        raise InputError(f"look: should be used with the open head (anny), got {head}")
+
+
 def load_head(head: str, model: Path | str | None, eyelid: Path | str | None = None) -> HeadModel:
     """The open head, or FLAME from the user's own file; with the lids of a person (`talkingeyes eyelid fit`)."""
     return _with_lids(_load_head(head, model), eyelid)
@@ -180,10 +220,15 @@ def _with_lids(head: HeadModel, eyelid: Path | str | None) -> HeadModel:
         return head
     from talkingeyes.head.eyelid.anatomy import EyelidParameters
     from talkingeyes.head.eyelid.blendshapes import with_eyelids
+
+    return with_eyelids(head, EyelidParameters(), _person_lids(eyelid))
+
+
+def _person_lids(eyelid: Path | str) -> tuple[EyelidModel, EyelidModel]:
     from talkingeyes.head.eyelid.person import load_person
 
     left, right = load_person(Path(eyelid)).eyes
-    return with_eyelids(head, EyelidParameters(), (left.lids, right.lids))
+    return left.lids, right.lids
 
 
 def _load_head(head: str, model: Path | str | None) -> HeadModel:

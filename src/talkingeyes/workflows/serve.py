@@ -42,6 +42,7 @@ def run_service(
     model: Path | str | None = None,
     live: Path | str | None = None,
     eyelid: Path | str | None = None,
+    look: str | None = None,
     host: str = LOCALHOST,
     port: int = PORT,
     limits: Limits = LIMITS,
@@ -52,31 +53,33 @@ def run_service(
     """Serve until interrupted; `on_start` is called with the URL.
 
     `live` is the model for streams; by default the one beside `model`, else the packaged one. `eyelid`: the lids of a
-    person (`talkingeyes eyelid fit`) for the head of the page and of exported files. `jobs` is the number of processes
-    for streams. Pages of `stream_origins` may open streams. Raises InputError (one line) for an invalid model, port or
-    origin.
+    person (`talkingeyes eyelid fit`) for the head of the page and of exported files; `look`: that of this head. `jobs`
+    is the number of processes for streams. Pages of `stream_origins` may open streams. Raises InputError (one line) for
+    an invalid model, port or origin.
     """
     from talkingeyes.animation.animator import Animator
     from talkingeyes.animation.streaming import LiveModel
     from talkingeyes.apps.service.app import ServiceResources, service_app
     from talkingeyes.apps.service.worker_pool import WorkerPool
     from talkingeyes.apps.viewer.pose_encoding import head_glb
+    from talkingeyes.head.looks import DEFAULT_LOOK
     from talkingeyes.models.face.style import EMOTIONS
-    from talkingeyes.workflows.render import load_head
+    from talkingeyes.workflows.render import load_shown_head
 
     for_files = find_model(model)
     streamed = find_live_model(for_files, live)
     animator = Animator.load(for_files)
     LiveModel.load(streamed)
-    head = load_head("anny", None, eyelid)
+    shown = look or DEFAULT_LOOK
+    head = load_shown_head(eyelid=eyelid, look=shown)
     formats = {name: each.suffix for name, each in convert.FORMATS.items()}
     signal.signal(signal.SIGTERM, _interrupted)
     with tempfile.TemporaryDirectory(prefix="talkingeyes-") as folder:
         results, temporary = Path(folder, "results"), Path(folder, "temporary")
         results.mkdir()
         temporary.mkdir()
-        of_streams = ("talkingeyes.apps.service.stream_worker:stream_worker", [str(streamed.absolute())])
-        of_files = ("talkingeyes.workflows.serve:file_workers", [str(for_files.absolute())])
+        of_streams = ("talkingeyes.apps.service.stream_worker:stream_worker", [str(streamed.absolute()), shown])
+        of_files = ("talkingeyes.workflows.serve:file_workers", [str(for_files.absolute()), shown])
         if eyelid is not None:
             of_files[1].append(str(Path(eyelid).absolute()))
         resources = ServiceResources(
@@ -104,15 +107,15 @@ def _interrupted(*_: Any) -> None:
     raise KeyboardInterrupt
 
 
-def file_workers(model: str, eyelid: str | None = None) -> Callable[[Any], Any]:
+def file_workers(model: str, look: str, eyelid: str | None = None) -> Callable[[Any], Any]:
     """The message handler for files: ("perform", folder, request, seconds), ("export", ...), ("add_eyes", ...)."""
     import torch
 
     from talkingeyes.animation.animator import Animator
-    from talkingeyes.head.anny import anny_head
+    from talkingeyes.head.looks import dressed_head
 
     torch.set_num_threads(1)
-    animator, head = Animator.load(Path(model)), anny_head()
+    animator, head = Animator.load(Path(model)), dressed_head(look)
 
     def perform(folder: Path, animation_request: AnimationRequest, max_duration_s: float) -> dict[str, Any]:
         from talkingeyes.apps.viewer.pose_encoding import pose_rows
@@ -132,7 +135,8 @@ def file_workers(model: str, eyelid: str | None = None) -> Callable[[Any], Any]:
     def export(folder: Path, format: str, file: Path) -> None:
         sound = folder / "sound" if format == "mp4" else None
         lids = eyelid if convert.FORMATS[format].expression == "chosen" else None
-        convert.export(folder / "motion.npz", file, format=format, sound=sound, eyelid=lids, force=True)
+        worn = look if format in convert.LOOK_FORMATS else None
+        convert.export(folder / "motion.npz", file, format=format, sound=sound, eyelid=lids, look=worn, force=True)
 
     def add_eyes(folder: Path, face: Path, eyes: EyesRequest, max_duration_s: float) -> bytes:
         from talkingeyes.formats.editors.face_file import open_face_file

@@ -28,7 +28,7 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.motion_loading import load_motions
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.orchestration.run import parallel_map
-from talkingeyes.workflows.render import load_head, parse_camera, retarget_to_head
+from talkingeyes.workflows.render import load_shown_head, parse_camera, retarget_to_head
 
 TRUTH = "truth"
 SIZE_PX = (16, 1080)
@@ -67,6 +67,7 @@ def make_study(
     size: int = 384,
     allow_fewer: bool = False,
     eyelid: Path | str | None = None,
+    look: str | None = None,
     jobs: int = 1,
     force: bool = False,
 ) -> Study:
@@ -74,7 +75,8 @@ def make_study(
 
     `conditions` names folders of motions (.npz) or films (.mp4), named as clips, instead of those below `data`.
     `without` excludes conditions and their comparisons. `allow_fewer` accepts fewer clips than the design requires.
-    `eyelid`: the lids of a person (`talkingeyes eyelid fit`) in all films that are rendered.
+    `eyelid`: the lids of a person (`talkingeyes eyelid fit`) in all films that are rendered. `look`: that of
+    the open head in them (`head.looks.LOOKS`).
 
     Raises InputError (one line) for invalid arguments.
     """
@@ -83,7 +85,7 @@ def make_study(
     if not SIZE_PX[0] <= size <= SIZE_PX[1]:
         raise InputError(f"size: should be {SIZE_PX[0]} to {SIZE_PX[1]} pixels, got {size}")
     parse_camera(asked.camera).view(size, size)
-    load_head("anny", None, eyelid)
+    load_shown_head(eyelid=eyelid, look=look)
     root = Path(data, "synthesize") if corpus is None else Path(corpus)
     film_sources = _material(asked, Corpus(root), Path(data), conditions or {})
     clips = _chosen(asked, film_sources, seed, allow_fewer)
@@ -91,7 +93,7 @@ def make_study(
         study = Study(folder, asked, seed, clips)
         (folder / "films").mkdir()
         tasks = [
-            (asked, film_sources, film, study.film(film_id(seed, film)), size, eyelid)
+            (asked, film_sources, film, study.film(film_id(seed, film)), size, eyelid, look)
             for film in required_films(asked, clips)
         ]
         for _ in parallel_map(_draw, tasks, jobs, "films"):
@@ -187,9 +189,9 @@ def _fits(clip: Clip, stratum: Stratum) -> bool:
     return stratum.emotion in (None, clip.emotion) and (stratum.seconds or 0) <= clip.seconds
 
 
-def _draw(task: tuple[Design, FilmSources, Film, Path, int, Path | str | None]) -> None:
+def _draw(task: tuple[Design, FilmSources, Film, Path, int, Path | str | None, str | None]) -> None:
     """Render one film."""
-    design, film_sources, film, path, size, eyelid = task
+    design, film_sources, film, path, size, eyelid, look = task
     fault = design.attention.fault if film.condition == design.attention.fault else None
     name = design.attention.condition if fault else film.condition
     lasts = {stratum.name: stratum.seconds for stratum in design.strata}
@@ -200,7 +202,7 @@ def _draw(task: tuple[Design, FilmSources, Film, Path, int, Path | str | None]) 
     if source is not None and source.suffix == ".mp4":
         reencode_film(source, seconds, fault, path)
         return
-    clip, head = film_sources.clips[film.clip], load_head("anny", None, eyelid)
+    clip, head = film_sources.clips[film.clip], load_shown_head(eyelid=eyelid, look=look)
     truth = film_sources.corpus.truth(clip) if film_sources.corpus.has_truth else None
     motion = truth if source is None else load_motions(source)[0]
     if motion is None:

@@ -25,7 +25,7 @@ from talkingeyes.core.motion import Events, Motion
 from talkingeyes.corpus.motion_loading import load_motions
 from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.head.model import HeadModel
-from talkingeyes.workflows.render import check_output_file, load_head, retarget_to_head
+from talkingeyes.workflows.render import check_output_file, load_shown_head, retarget_to_head
 
 MAX_MOTIONS = 12
 MAX_FRAMES = 120_000  # of all motions together: about 40 MB in the browser
@@ -51,6 +51,7 @@ def view(
     head: str = "anny",
     model: Path | str | None = None,
     eyelid: Path | str | None = None,
+    look: str | None = None,
     host: str = LOCALHOST,
     port: int = PORT,
     on_start: Callable[[str], None],
@@ -61,7 +62,7 @@ def view(
     """
     from talkingeyes.apps.viewer.server import viewer_app
 
-    scene, target_head = _scene_on_head(motions, truth, sound, words, corpus, head, model, eyelid)
+    scene, target_head = _scene_on_head(motions, truth, sound, words, corpus, head, model, eyelid, look)
     serve(viewer_app(scene, target_head, host), host, port, on_start)
 
 
@@ -76,6 +77,7 @@ def write_page(
     head: str = "anny",
     model: Path | str | None = None,
     eyelid: Path | str | None = None,
+    look: str | None = None,
     force: bool = False,
 ) -> None:
     """Write motions side by side as one HTML file that opens without a server. Raises InputError as `view` does."""
@@ -83,7 +85,7 @@ def write_page(
     from talkingeyes.apps.viewer.standalone import standalone_page
 
     target = check_output_file(Path(page), ".html", force)
-    scene, target_head = _scene_on_head(motions, truth, sound, words, corpus, head, model, eyelid)
+    scene, target_head = _scene_on_head(motions, truth, sound, words, corpus, head, model, eyelid, look)
     content = standalone_page(page_files(scene, target_head))
     with atomic_write(target) as partial:
         partial.write_text(content)
@@ -98,9 +100,10 @@ def _scene_on_head(
     head: str,
     model: Path | str | None,
     eyelid: Path | str | None,
+    look: str | None,
 ) -> tuple[Scene, HeadModel]:
     """The scene with its motions on a head, and the head."""
-    target_head = load_head(head, model, eyelid)
+    target_head = load_shown_head(head, model, eyelid, look)
     scene = build_scene(motions, truth=truth, sound=sound, words=words, corpus=corpus)
     viewer_motions = tuple(_shown_on(each, target_head, model) for each in scene.viewer_motions)
     return replace(scene, viewer_motions=viewer_motions), target_head

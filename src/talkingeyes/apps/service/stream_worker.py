@@ -21,7 +21,7 @@ from talkingeyes.apps.service.animation_request import PoseChunk, StreamChanges,
 from talkingeyes.apps.service.frame_encoding import json_frames
 from talkingeyes.apps.viewer.pose_encoding import pose_rows
 from talkingeyes.core.motion import Motion
-from talkingeyes.head.anny import anny_head
+from talkingeyes.head.looks import dressed_head
 
 FIRST_FRAME = struct.Struct("<I")
 FULL_SCALE = 32768.0
@@ -35,12 +35,12 @@ class OpenStream:
     request: StreamRequest
 
 
-def stream_worker(model: str) -> Callable[[Any], Any]:
-    """The message handler for streams of a model."""
+def stream_worker(model: str, look: str) -> Callable[[Any], Any]:
+    """The message handler for streams of a model, for the open head with a look."""
     import torch
 
     torch.set_num_threads(1)
-    live, head = LiveModel.load(Path(model)), anny_head()
+    live, head = LiveModel.load(Path(model)), dressed_head(look)
     streams: dict[str, OpenStream] = {}
 
     def pose_chunk(frames: StreamFrames, format: str) -> PoseChunk:

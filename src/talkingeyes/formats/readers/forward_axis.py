@@ -15,6 +15,7 @@ from talkingeyes.core.motion import CONVENTIONS
 from talkingeyes.formats.readers.json_layouts import read_documents
 
 FORWARD_AXIS_KEY = "forward_axis"
+LOOK_KEY = "look"  # of the open head, in the extras of the asset of a GLB
 OPTICAL_FORMATS = ("metrical-tracker", "openface", "map")  # maps start from the conventions of a Motion
 OPTICAL_SCHEMAS = (CONVENTIONS["schema"], "talkingeyes.arkit/1")
 

@@ -20,6 +20,7 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
 from talkingeyes.formats.joint_names import list_names
 from talkingeyes.formats.readers.flame_parameters import EXPRESSION
+from talkingeyes.formats.readers.forward_axis import LOOK_KEY
 from talkingeyes.formats.readers.gltf_document import GltfDocument, Track, Tracks
 from talkingeyes.formats.readers.gltf_rig import VRM_ANIMATION, Rig, open_rig
 from talkingeyes.formats.readers.noted import NotedMotion, no_place_note
@@ -27,6 +28,8 @@ from talkingeyes.formats.shape_names import EYE_EQUIVALENTS, arkit_shapes, shape
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.anny_build import JAW_OPEN_RAD
 from talkingeyes.head.eyelid.blendshapes import LID_SHAPES, eyelid_weights
+from talkingeyes.head.looks import LOOKS, dressed_head
+from talkingeyes.head.model import HeadModel
 
 EXPRESSIONS = tuple(map(EXPRESSION.format, range(100)))  # of FLAME
 VRM_PLACED = ("blinkLeft", "blinkRight", "blink", "aa", *arkit.NAMES, *EYE_EQUIVALENTS)
@@ -64,7 +67,9 @@ def _head(rig: Rig, fps: float | None) -> NotedMotion:
         for name, values in zip(shown, tracks[node, "weights"].sampled(times).T, strict=True):
             if name not in shapes or not shapes[name].any():
                 shapes[name] = values
-    motion = motion_from_shapes(rate, rig.turns("head", times), gaze, rig.turns("jaw", times), shift, shapes)
+    look = (document.content["asset"].get("extras") or {}).get(LOOK_KEY)
+    head = dressed_head(look) if look in LOOKS else anny_head()
+    motion = motion_from_shapes(rate, rig.turns("head", times), gaze, rig.turns("jaw", times), shift, shapes, head)
     notes = lost_shapes(shapes)
     unnamed = [track for (node, path), track in tracks.items() if path == "weights" and node not in faces]
     if unnamed:
@@ -92,9 +97,18 @@ def lost_shapes(shapes: Mapping[str, ndarray]) -> tuple[str, ...]:
 
 
 def motion_from_shapes(
-    fps: float, head: ndarray, gaze: ndarray, jaw: ndarray, shift: ndarray, shapes: dict[str, ndarray]
+    fps: float,
+    head: ndarray,
+    gaze: ndarray,
+    jaw: ndarray,
+    shift: ndarray,
+    shapes: dict[str, ndarray],
+    posed: HeadModel | None = None,
 ) -> Motion:
-    """Build a motion from joint rotations and the weights of shapes by standard name."""
+    """Build a motion from joint rotations and the weights of shapes by standard name.
+
+    `posed` is the head that the weights of its lids are for, by default the open head.
+    """
     shapes = arkit_shapes(shapes)
     if EXPRESSIONS[0] in shapes:  # FLAME, which has no lid shapes
         names = tuple(name for name in EXPRESSIONS if name in shapes)
@@ -107,7 +121,7 @@ def motion_from_shapes(
         jaw = jaw if jaw.any() else by_shape.jaw
         expression = by_shape.expression
         if "lidBlinkLeft" in shapes:
-            whole = eyelid_weights(anny_head(), gaze, np.ones((len(head), 2)))
+            whole = eyelid_weights(posed or anny_head(), gaze, np.ones((len(head), 2)))
             both = [
                 shapes[f"lidBlink{side}"] / np.maximum(whole[f"lidBlink{side}"], 1e-6) for side in ("Left", "Right")
             ]

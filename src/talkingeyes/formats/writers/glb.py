@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 from talkingeyes.core.motion import Motion
-from talkingeyes.formats.readers.forward_axis import FORWARD_AXIS_KEY
+from talkingeyes.formats.readers.forward_axis import FORWARD_AXIS_KEY, LOOK_KEY
 from talkingeyes.formats.rotations import quaternions
 from talkingeyes.formats.writers.gltf import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Gltf
 from talkingeyes.head.model import JOINTS, PARENTS, HeadModel
@@ -25,10 +25,10 @@ from talkingeyes.head.posing import motion_to_pose
 INFLUENCES = 4  # joints per vertex in glTF's first set
 
 
-def write_glb(motion: Motion, head: HeadModel, path: Path, eyes: str = "visual") -> None:
-    """Write the head with its motion; `eyes` is stated as its forward axes."""
+def write_glb(motion: Motion, head: HeadModel, path: Path, eyes: str = "visual", look: str | None = None) -> None:
+    """Write the head with its motion; `eyes` is stated as its forward axes, and `look`, which lids depend on."""
     gltf = Gltf()
-    gltf.document["asset"]["extras"] = {FORWARD_AXIS_KEY: eyes}
+    gltf.document["asset"]["extras"] = {FORWARD_AXIS_KEY: eyes} | ({} if look is None else {LOOK_KEY: look})
     pose = motion_to_pose(head, motion)
     offsets = joint_offsets(head)
     for joint, name in enumerate(JOINTS):
