@@ -51,7 +51,8 @@ class AnimationContext:
         context = replace(self, seeds=(*self.seeds[:1], index))
         if (self.controls.partner is None and not self.states) or self.turns is None:
             return context
-        return replace(context, listening=sample_listening_behaviour(self.turns, context.stream(LISTENING_STREAM)))
+        seeds = context.stream(LISTENING_STREAM)
+        return replace(context, listening=sample_listening_behaviour(self.turns, seeds, self.controls.population))
 
     def stream(self, number: int) -> list[int]:
         """Seeds of an independent random stream of this sample; each step has a number of its own."""

@@ -18,6 +18,7 @@ from talkingeyes.cli.performance_options import (
     Intensity,
     ModelFile,
     Partner,
+    Population,
     Seed,
     States,
     Style,
@@ -58,6 +59,7 @@ def animate(
     gaze_liveliness: GazeLiveliness = 1.0,
     blink_liveliness: BlinkLiveliness = 1.0,
     partner: Partner = None,
+    population: Population = "face_to_face",
     states: States = None,
     dialogue: Annotated[
         bool,
@@ -120,6 +122,7 @@ def animate(
         gaze=gaze_liveliness,
         blinking=blink_liveliness,
         partner=partner,
+        population=population,
         states=states,
         person=person,
         style=style,
