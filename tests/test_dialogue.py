@@ -91,6 +91,18 @@ def test_nods_answer_the_partners_phrases() -> None:
     assert all(0.0 < (nod.onset_s - ends[ends < nod.onset_s]).min() < 6.0 for nod in nods)
 
 
+def test_habits_of_a_listener_hold_over_conversations() -> None:
+    turns = Annotation(listening=(Span(0.0, 200.0),))
+
+    def away(person: int, seed: int) -> float:
+        looks = sample_listening_behaviour(turns, [seed], person=[person]).looks
+        return sum(look.end_s - look.start_s for look in looks if look.averted)
+
+    shares = np.array([[away(person, seed) for seed in range(4)] for person in range(30)])
+    assert np.corrcoef(shares[:, 0], shares[:, 1])[0, 1] > 0.6
+    assert shares.std(axis=1).mean() < 0.6 * shares.mean(axis=1).std()
+
+
 @pytest.mark.parametrize(("population", "away"), [("face_to_face", (0.15, 0.33)), ("remote_call", (0.02, 0.22))])
 def test_listeners_look_away_as_a_population_does(population: str, away: tuple[float, float]) -> None:
     """Recorded people: 0.19 to 0.28 face to face, 0.04 to 0.09 in calls (of few people, who differ much)."""

@@ -52,7 +52,10 @@ class AnimationContext:
         if (self.controls.partner is None and not self.states) or self.turns is None:
             return context
         seeds = context.stream(LISTENING_STREAM)
-        return replace(context, listening=sample_listening_behaviour(self.turns, seeds, self.controls.population))
+        person = self.controls.person
+        habits = None if person is None else [*person.encode(), LISTENING_STREAM]
+        listening = sample_listening_behaviour(self.turns, seeds, self.controls.population, habits)
+        return replace(context, listening=listening)
 
     def stream(self, number: int) -> list[int]:
         """Seeds of an independent random stream of this sample; each step has a number of its own."""

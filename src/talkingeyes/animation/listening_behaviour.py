@@ -21,6 +21,7 @@ from talkingeyes.synthesis import head_gestures
 from talkingeyes.synthesis.gaze_aversion import GazeInterval, sample_dwell_s
 from talkingeyes.synthesis.speakers import SpeakerStyle, sample_style, with_habits
 
+HABIT_STREAM = 1
 FACE_TO_FACE, REMOTE_CALL = POPULATIONS = ("face_to_face", "remote_call")
 
 
@@ -35,11 +36,12 @@ class ListeningBehaviour:
 class ListeningLooks:
     """Looks at the partner and away of one person who listens, one after the other."""
 
-    def __init__(self, population: str, rng: np.random.Generator) -> None:
-        """Raises InputError for an unknown population."""
+    def __init__(self, population: str, person: Sequence[int], rng: np.random.Generator) -> None:
+        """`person` seeds the habits. Raises InputError for an unknown population."""
         check_population(population)
-        style = sample_style(rng)
-        self.style: SpeakerStyle = with_habits(style, population, rng) if population == REMOTE_CALL else style
+        habits = np.random.default_rng(person)
+        style = sample_style(habits)
+        self.style: SpeakerStyle = with_habits(style, population, habits) if population == REMOTE_CALL else style
         self._rng = rng
 
     def first_averted(self) -> bool:
@@ -64,11 +66,14 @@ def check_population(population: str) -> None:
 
 
 def sample_listening_behaviour(
-    turns: Annotation, seeds: Sequence[int], population: str = FACE_TO_FACE
+    turns: Annotation, seeds: Sequence[int], population: str = FACE_TO_FACE, person: Sequence[int] | None = None
 ) -> ListeningBehaviour:
-    """Sample the listening behaviour of one person in a conversation with these turns."""
+    """Sample the listening behaviour of one person in a conversation with these turns.
+
+    `person` seeds habits that hold over conversations; None: those of the seeds.
+    """
     rng = np.random.default_rng(seeds)
-    looking = ListeningLooks(population, rng)
+    looking = ListeningLooks(population, [*seeds, HABIT_STREAM] if person is None else person, rng)
     looks = []
     for span in turns.listening:
         time_s, averted = span.start_s, looking.first_averted()

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.animation.listening_behaviour import ListeningLooks
+from talkingeyes.animation.listening_behaviour import HABIT_STREAM, ListeningLooks
 from talkingeyes.animation.live_nods import MIN_SPEECH_STEPS, PhraseDetector
 from talkingeyes.audio.turn_taking import TURN_S
 from talkingeyes.audio.voice_activity import STEP_S
@@ -22,7 +22,7 @@ class LiveListening:
 
     def __init__(self, fps: float, latency_s: float, population: str, seeds: list[int]) -> None:
         self._fps, self._latency_s = fps, latency_s
-        self._looks = ListeningLooks(population, np.random.default_rng(seeds))
+        self._looks = ListeningLooks(population, [*seeds, HABIT_STREAM], np.random.default_rng(seeds))
         self._voices = PhraseDetector(), PhraseDetector()  # the subject, the partner
         self._listens = bytearray()  # by step
         self._averted, self._until_s, self._frame = False, -np.inf, 0

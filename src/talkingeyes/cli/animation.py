@@ -68,7 +68,7 @@ def animate(
     person: Annotated[
         str | None,
         typer.Option(
-            help="Training speaker to imitate (in a dialogue two: A,B). Default: a random one, set by the seed."
+            help="Training speaker to imitate, or a number for one of them (in a dialogue two: A,B). Default: by the seed."
         ),
     ] = None,
     style: Style = None,

@@ -29,7 +29,7 @@ HESITATION_PROBABILITY = 0.9
 HESITATION_START_S, HESITATION_END_S = (-0.30, 0.30), (0.60, 0.40)
 MIN_PAUSE_S = 0.25  # shorter gaps do not end an utterance
 PLANNED_PAUSE_S = 0.5  # after longer pauses, the next utterance is planned
-AVERSION_STYLE_EXPONENT = 0.3  # of the odds of looking away, in the duration of aversions
+SHARE_EXPONENT = 0.5  # who looks at the partner more has longer looks and shorter aversions, each by the root
 MIN_DWELL_S = 0.2
 WARM_UP_S = 6.0
 
@@ -153,11 +153,11 @@ def _end_away(
 def sample_dwell_s(averted: bool, state: ContactState, style: SpeakerStyle, rng: np.random.Generator) -> float:
     """Sample how long a look away, or one at the partner, lasts without cues."""
     law, share = _law(state, style)
+    odds = share / (1.0 - share) / np.exp(law.logit_share)  # of looking at the partner, relative to an average person
+    away_s = law.away_s * style.dwell_scale * odds**-SHARE_EXPONENT
     if averted:
-        odds = (1.0 - share) / share * np.exp(law.logit_share)
-        median_s = law.away_s * style.dwell_scale * odds**AVERSION_STYLE_EXPONENT
-        return float(median_s * rng.lognormal(0.0, law.away_log_sd))
-    mean_s = law.look_scale * law.away_s * style.dwell_scale * share / (1.0 - share) / style.liveliness
+        return float(away_s * rng.lognormal(0.0, law.away_log_sd))
+    mean_s = law.look_scale * away_s * share / (1.0 - share) / style.liveliness
     return float(mean_s * rng.lognormal(-(law.look_log_sd**2) / 2.0, law.look_log_sd))
 
 
