@@ -59,9 +59,9 @@ def test_listeners_look_at_the_speaker_and_nod() -> None:
     pairs = animate_dialogue(PERFORMER, sounds, 8, 0, 25.0)
     alone = PERFORMER.perform(sounds[0], 8, 0, 25.0)
     listening_ = [looks(pair.first, 0) for pair in pairs]
-    assert np.mean(listening_) > 0.7
-    assert np.mean(listening_) > np.mean([looks(each, 0) for each in alone]) + 0.2
-    assert np.mean([looks(pair.second, 1) for pair in pairs]) > 0.7
+    assert np.mean(listening_) > 0.6
+    assert np.mean(listening_) > np.mean([looks(each, 0) for each in alone]) + 0.15
+    assert np.mean([looks(pair.second, 1) for pair in pairs]) > 0.6
     nodded = [np.abs(pair.first.motion.head - each.motion.head).max() for pair, each in zip(pairs, alone, strict=True)]
     assert np.median(nodded) > np.radians(1.0)
 

@@ -124,10 +124,6 @@ def test_a_person_whom_the_model_does_not_know_is_one_line(by: Animator, said: s
 
 
 def test_a_number_is_a_person_who_stays() -> None:
-    blinks = [
-        [len(made(6, person=number)[index].events.blinks) for index in range(6)] for number in ("7", "7", "8", "9")
-    ]
-    assert blinks[0] == blinks[1]
     chosen = {TOLD._person(Controls(person=str(number)), seed) for number in range(20) for seed in (0, 1)}
     assert chosen == set(PERSONS)
     assert all(TOLD._person(Controls(person="7"), seed) == TOLD._person(Controls(person="7"), 0) for seed in range(9))

@@ -68,7 +68,7 @@ def animate(
     person: Annotated[
         str | None,
         typer.Option(
-            help="Training speaker to imitate, or a number for one of them (in a dialogue two: A,B). Default: by the seed."
+            help="Training speaker, or a number for one of them (in a dialogue two: A,B). Default: set by the seed."
         ),
     ] = None,
     style: Style = None,
