@@ -321,6 +321,20 @@ def test_a_stream_looks_at_the_partner_who_speaks_as_recorded_people_do() -> Non
     assert conversation(640, 3) == conversation(SAMPLE_RATE, 3)
 
 
+def test_gaze_with_a_partner_does_not_depend_on_chunks() -> None:
+    model, times = LiveModel.load(PACKAGED_LIVE_MODEL), np.arange(5 * SAMPLE_RATE) / SAMPLE_RATE
+    noise = 0.2 * np.random.default_rng(0).standard_normal(len(times))
+    own, partner = (noise * part for part in (times < 1.0, (times % 1.8 < 1.2) & (times > 1.5)))
+    sounds = [each.astype(np.float32) for each in (own, partner)]
+    whole = model.generate_offline(sounds[0], 1, partner=sounds[1])
+    assert np.abs(whole.gaze - model.generate_offline(sounds[0], 1).gaze).max() > 0.02
+    stream = model.stream(1)
+    parts = [stream.push(*(each[start : start + 1111] for each in sounds)) for start in range(0, len(times), 1111)] + [
+        stream.finish()
+    ]
+    np.testing.assert_allclose(np.concatenate([part.gaze for part in parts]), whole.gaze, atol=1e-5)
+
+
 def test_contact_of_a_listener_directs_gaze_unless_something_else_does() -> None:
     own = person(0, 20.0)
     frames = len(own.head)

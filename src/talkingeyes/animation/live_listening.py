@@ -18,10 +18,10 @@ from talkingeyes.audio.voice_activity import STEP_S
 
 
 class LiveListening:
-    """Whether one person listens, and looks at the partner; frames are given `latency_s` after their time."""
+    """Whether one person listens, and looks at the partner; sound is known up to `known_s` after each frame."""
 
-    def __init__(self, fps: float, latency_s: float, population: str, seeds: list[int]) -> None:
-        self._fps, self._latency_s = fps, latency_s
+    def __init__(self, fps: float, known_s: float, population: str, seeds: list[int]) -> None:
+        self._fps, self._known_s = fps, known_s
         self._looks = ListeningLooks(population, [*seeds, HABIT_STREAM], np.random.default_rng(seeds))
         self._voices = PhraseDetector(), PhraseDetector()  # the subject, the partner
         self._listens = bytearray()  # by step
@@ -43,7 +43,7 @@ class LiveListening:
 
     def _contact(self, frame: int) -> float | None:
         time_s = frame / self._fps
-        step = min(int((time_s + self._latency_s) / STEP_S), len(self._listens)) - 1
+        step = min(int((time_s + self._known_s) / STEP_S), len(self._listens)) - 1
         if step < 0 or not self._listens[step]:
             self._until_s = -np.inf
             return None

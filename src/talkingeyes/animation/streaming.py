@@ -192,8 +192,9 @@ class LiveModel:
         return LiveNods(self.latency_s, [seed, NOD_STREAM])
 
     def live_listening(self, seed: int, controls: LiveControls) -> LiveListening:
-        """Gaze of a stream while its partner speaks."""
-        return LiveListening(self.fps, self.latency_s, controls.population, [seed, LISTENING_STREAM])
+        """Gaze of a stream while its partner speaks; the last frame of a bin of gaze comes with the first."""
+        known_s = self.latency_s - (StreamingModules.of(self.network).gaze.step_frames - 1) / self.fps
+        return LiveListening(self.fps, known_s, controls.population, [seed, LISTENING_STREAM])
 
     @property
     def mean_head(self) -> Float[ndarray, " 3"]:
