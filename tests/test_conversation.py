@@ -78,7 +78,7 @@ def test_aversion_direction_depends_on_cause(annotation, styles):
     cues = [sample_gaze_cues(annotation, style, np.random.default_rng(seed)) for seed in range(20)]
     starts = [look for each in cues for look in each.aversions]
     turns = annotation.speaking[::4]
-    planned = [look for look in starts if any(abs(look.start_s + 1.3 - turn.start_s) < 0.3 for turn in turns)]
+    planned = [look for look in starts if any(abs(look.start_s + 0.3 - turn.start_s) < 0.3 for turn in turns)]
     assert planned and np.mean([look.cause == "planning" for look in planned]) > 0.8
     assert {look.cause for look in starts} == {"planning", "floor"}
     for cause in DIRECTIONS:
@@ -100,7 +100,7 @@ def test_cues_of_speech_can_be_delayed_and_weakened(annotation, styles):
 
 
 def test_aversions_lead_the_turn(annotation, styles):
-    """Speakers begin with gaze averted, and look away about a second before."""
+    """Many speakers begin with gaze averted, and look away shortly before."""
     before = []
     for seed, style in enumerate(styles):
         for look in gaze_intervals(annotation, style, SECONDS, np.random.default_rng(seed)):
@@ -108,9 +108,9 @@ def test_aversions_lead_the_turn(annotation, styles):
                 t.start_s for t in annotation.speaking[4::4] if look.averted and look.start_s <= t.start_s < look.end_s
             ]
             before += [look.start_s - start for start in covered]
-    assert len(before) / (len(styles) * (TURNS - 1)) > 0.5
+    assert len(before) / (len(styles) * (TURNS - 1)) > 0.3
     low, middle, high = np.percentile(before, [25, 50, 75])
-    assert -1.5 <= middle <= -0.2 and high - low >= 0.6
+    assert -1.0 <= middle <= -0.2 and high - low >= 0.6
 
 
 def test_listeners_nod_after_phrases_and_blink_after_them(annotation, styles):
@@ -121,9 +121,14 @@ def test_listeners_nod_after_phrases_and_blink_after_them(annotation, styles):
     ]
     ends = np.array([span.end_s for span in annotation.partner])
     firsts = [m for m in moves if m.delta_rad[0] > 0]
-    assert firsts and all((m.onset_s - ends[ends <= m.onset_s].max()) < 3.0 for m in firsts)
+    assert firsts and all((m.onset_s - ends[ends <= m.onset_s].max()) < 6.0 for m in firsts)
     assert sum(m.delta_rad[0] for m in moves) == pytest.approx(0.0, abs=1e-9)
     assert not head_gestures.listener_nods(Annotation(), styles[0], np.random.default_rng(0))
+    # Recorded nods of feedback: median length 1.16 s, quartiles 0.76 and 1.92; 55 % have one cycle or less than one.
+    nods = np.split(moves, [k for k in range(1, len(moves)) if moves[k].onset_s - _end_s(moves[k - 1]) > 1e-6])
+    lengths = [_end_s(each[-1]) - each[0].onset_s for each in nods]
+    np.testing.assert_allclose(np.quantile(lengths, [0.25, 0.5, 0.75]), [0.76, 1.16, 1.92], rtol=0.25)
+    assert np.mean([len(each) == 2 for each in nods]) == pytest.approx(0.5, abs=0.08)
     onsets = [
         b.onset_s
         for k in range(40)
@@ -132,6 +137,10 @@ def test_listeners_nod_after_phrases_and_blink_after_them(annotation, styles):
     after = [t - end for t in onsets for end in ends if 0.0 <= t - end < 0.5]
     late = np.mean(np.array(after) >= 0.25)
     assert late > 0.6
+
+
+def _end_s(move):
+    return move.onset_s + move.duration_s
 
 
 def test_the_head_is_calm_while_listening(annotation, styles):

@@ -113,7 +113,7 @@ def test_animate_refuses_a_person_whom_posegan_does_not_know(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert animate(tmp_path, "cleo") == 2
-    assert "person: should be one of anna, bert, got cleo" in capsys.readouterr().err
+    assert "person: should be one of anna, bert or a number, got cleo" in capsys.readouterr().err
 
 
 def animate(root: Path, person: str) -> int:

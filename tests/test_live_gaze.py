@@ -16,6 +16,7 @@ from talkingeyes.animation.controls import Liveliness
 from talkingeyes.animation.conversation_states import State
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory
 from talkingeyes.animation.live_gaze import GazeDirection, LiveGaze
+from talkingeyes.animation.live_listening import LiveListening
 from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL
 from talkingeyes.animation.steps.eye_contact import CONTACT_RAD, eye_contact_fraction
 from talkingeyes.animation.streaming import LiveControls, LiveModel, LiveStream, StreamFrames
@@ -290,3 +291,56 @@ def test_frames_do_not_depend_on_later_ones() -> None:
 def test_an_unknown_state_is_refused_in_one_line() -> None:
     with pytest.raises(InputError, match=r"^state: should be one of speaking, listening, thinking, idle, got asleep$"):
         GazeDirection(state="asleep")
+
+
+def conversation(chunk: int, seed: int) -> list[float | None]:
+    """Contact at 25 fps where the partner speaks from 1 s to 13 s, and the subject after it."""
+    times = np.arange(20 * SAMPLE_RATE) / SAMPLE_RATE
+    noise = np.random.default_rng(0).standard_normal((2, len(times))) * np.where((times * 3) % 1 < 0.8, 1.0, 0.1)
+    voiced = np.stack([times > 14.0, (times > 1.0) & (times < 13.0)])
+    own, partner = ((0.2 * voiced + 1e-4) * noise).astype(np.float32)
+    listening, found = LiveListening(FPS, 0.2, "face_to_face", [seed]), []
+    for start in range(0, len(times), chunk):
+        listening.push(own[start : start + chunk], partner[start : start + chunk])
+        ready = int(((start + chunk) / SAMPLE_RATE - 0.2) * FPS) - len(found)
+        found += listening.contact(max(0, ready))
+    return found
+
+
+def test_a_stream_looks_at_the_partner_who_speaks_as_recorded_people_do() -> None:
+    shares = []
+    for seed in range(40):
+        found = conversation(SAMPLE_RATE, seed)
+        assert set(found[: round(0.8 * FPS)]) == {None}
+        assert set(found[round(14.3 * FPS) :]) == {None}  # the subject speaks
+        turn = found[round(1.5 * FPS) : round(12.5 * FPS)]
+        assert set(turn) <= {0.0, 1.0}
+        shares.append(np.mean(np.array(turn) == 0.0))
+    assert 0.15 < np.mean(shares) < 0.33  # recorded face to face: 0.19 to 0.28
+    assert np.std(shares) > 0.1
+    assert conversation(640, 3) == conversation(SAMPLE_RATE, 3)
+
+
+def test_gaze_with_a_partner_does_not_depend_on_chunks() -> None:
+    model, times = LiveModel.load(PACKAGED_LIVE_MODEL), np.arange(5 * SAMPLE_RATE) / SAMPLE_RATE
+    noise = 0.2 * np.random.default_rng(0).standard_normal(len(times))
+    own, partner = (noise * part for part in (times < 1.0, (times % 1.8 < 1.2) & (times > 1.5)))
+    sounds = [each.astype(np.float32) for each in (own, partner)]
+    whole = model.generate_offline(sounds[0], 1, partner=sounds[1])
+    assert np.abs(whole.gaze - model.generate_offline(sounds[0], 1).gaze).max() > 0.02
+    stream = model.stream(1)
+    parts = [stream.push(*(each[start : start + 1111] for each in sounds)) for start in range(0, len(times), 1111)] + [
+        stream.finish()
+    ]
+    np.testing.assert_allclose(np.concatenate([part.gaze for part in parts]), whole.gaze, atol=1e-5)
+
+
+def test_contact_of_a_listener_directs_gaze_unless_something_else_does() -> None:
+    own = person(0, 20.0)
+    frames = len(own.head)
+    for wanted in (0.0, 1.0):
+        found = LiveGaze(FPS, np.zeros(3), [0]).direct(own, GazeDirection(), 1.0, [wanted] * frames)
+        assert share_of(found.head, found.gaze_in_space_rad) == pytest.approx(wanted, abs=0.1)
+    target = GazeDirection(target_m=ASIDE.target_m)
+    plain, other = (LiveGaze(FPS, np.zeros(3), [0]).direct(own, target, 1.0, each) for each in ((), [1.0] * frames))
+    np.testing.assert_array_equal(plain.gaze_in_space_rad, other.gaze_in_space_rad)

@@ -676,7 +676,7 @@ class TestMistakes:
             ("fps=1000", b"0", 422, "request.fps: Input should be less than or equal to 120"),
             ("eye_contact=nan", b"0", 422, "request.eye_contact"),
             ("emotion=glee&intensity=1", wav(speech(0.4)), 422, "emotion: should be one of"),
-            ("person=dora", wav(speech(0.4)), 422, "person: should be one of anna, bert, got dora"),
+            ("person=dora", wav(speech(0.4)), 422, "person: should be one of anna, bert or a number, got dora"),
         ],
     )
     def test_one_line_and_a_status(self, service: Service, query: str, body: bytes, status: int, reason: str) -> None:

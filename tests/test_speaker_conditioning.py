@@ -123,6 +123,12 @@ def test_a_person_whom_the_model_does_not_know_is_one_line(by: Animator, said: s
         made(by=by, person="dora")
 
 
+def test_a_number_is_a_person_who_stays() -> None:
+    chosen = {TOLD._person(Controls(person=str(number)), seed) for number in range(20) for seed in (0, 1)}
+    assert chosen == set(PERSONS)
+    assert all(TOLD._person(Controls(person="7"), seed) == TOLD._person(Controls(person="7"), 0) for seed in range(9))
+
+
 def dialogue_of(persons: str) -> AnimationOptions:
     return AnimationOptions(1, 0, 25.0, Controls(person=persons), previews=False)
 

@@ -28,6 +28,7 @@ from talkingeyes.orchestration.run import configure_environment, required_argume
 WITHOUT_SETTINGS = {"information"}
 NO_STAGE = {
     "benchmark_corpus",
+    "contact_population",
     "corpus",
     "evaluate_face",
     "experiment",

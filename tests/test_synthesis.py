@@ -151,6 +151,9 @@ def test_blinks(played):
     assert lid.max() <= 1.0 and lid.min() >= -0.3 and lid.max() > 0.95
 
 
+PEAK_S = 0.8  # after the start of an utterance, people avert gaze most
+
+
 def test_gaze_averts_with_speech_but_weakly(played):
     states = [averted(each) for each in played]
     talking = [1 - state[speaking(each)].mean() for each, state in zip(played, states, strict=True)]
@@ -158,13 +161,13 @@ def test_gaze_averts_with_speech_but_weakly(played):
     starts, ends = [], []
     for each, state in zip(played, states, strict=True):
         for before, after in pairwise(each.annotation.speaking):
-            pause = round(before.end_s * FPS), round(after.start_s * FPS) + 1
+            pause = round(before.end_s * FPS), round((after.start_s + PEAK_S) * FPS)
             if after.start_s - before.end_s >= PLANNED_PAUSE_S and pause[0] >= 0 and pause[1] < len(state):
                 ends.append(not state[pause[0]])
                 starts.append(state[pause[1]])
     assert len(starts) >= 80
-    assert 0.45 <= np.mean(starts) <= 0.80 and 0.55 <= np.mean(ends) <= 0.85
-    assert np.mean(starts) > 1 - np.mean(talking) + 0.08
+    assert 0.35 <= np.mean(starts) <= 0.65 and 0.55 <= np.mean(ends) <= 0.85
+    assert np.mean(starts) > 1 - np.mean(talking) + 0.02
 
 
 def test_speakers_keep_their_habits(played):

@@ -142,8 +142,10 @@ class Animator:
         if isinstance(controls.style, str) and controls.style not in self.speaker_styles:
             known = _listed(self.speaker_styles) or "a measured one (the model keeps no speakers)"
             raise InputError(f"style: should be one of {known}, got {controls.style}")
-        if controls.person is not None and controls.person not in self.persons:
-            known = _listed(self.persons) or "left out: the model is not conditioned on the speaker"
+        if controls.person is not None and self._person(controls, 0) is None:
+            known = "left out: the model is not conditioned on the speaker"
+            if self.persons:
+                known = f"{_listed(self.persons)} or a number"
             raise InputError(f"person: should be one of {known}, got {controls.person}")
         if self.face:
             self.face.check(controls.face)
@@ -196,12 +198,20 @@ class Animator:
         )
 
     def _person(self, controls: Controls, seed: int) -> str | None:
-        """The speaker of all samples: of the controls (person, else style), else a random training speaker."""
+        """The speaker of all samples: of the controls (person, else style), else a random training speaker.
+
+        A number as person is a seed of its own, so that the person stays over sounds and seeds. None if the model has
+        no speakers, or not this one.
+        """
         if not self.persons:
             return None
-        for name in (controls.person, controls.style):
-            if name in self.persons:
-                return str(name)
+        name = controls.style if controls.person is None else controls.person
+        if name in self.persons:
+            return str(name)
+        if controls.person is not None:
+            if not controls.person.isdecimal():
+                return None
+            seed = int(controls.person)
         return self.persons[random_speaker(self.persons, [seed, SPEAKER_SEED])]
 
     def _blink_rate_rank(self, person: str | None) -> float | None:

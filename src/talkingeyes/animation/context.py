@@ -51,7 +51,11 @@ class AnimationContext:
         context = replace(self, seeds=(*self.seeds[:1], index))
         if (self.controls.partner is None and not self.states) or self.turns is None:
             return context
-        return replace(context, listening=sample_listening_behaviour(self.turns, context.stream(LISTENING_STREAM)))
+        seeds = context.stream(LISTENING_STREAM)
+        person = self.controls.person
+        habits = None if person is None else [*person.encode(), LISTENING_STREAM]
+        listening = sample_listening_behaviour(self.turns, seeds, self.controls.population, habits)
+        return replace(context, listening=listening)
 
     def stream(self, number: int) -> list[int]:
         """Seeds of an independent random stream of this sample; each step has a number of its own."""

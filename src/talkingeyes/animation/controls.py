@@ -13,6 +13,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.animation.conversation_states import AUTO, StateTrack
+from talkingeyes.animation.listening_behaviour import FACE_TO_FACE, check_population
 from talkingeyes.animation.part_overrides import NO_OVERRIDES, PartOverrides
 from talkingeyes.animation.targets import TargetTrack
 from talkingeyes.core.errors import InputError
@@ -41,8 +42,9 @@ class Controls:
 
     `blinks`: the blink profile (physiological, paper or corpus). `targets`: what gaze goes to and when. `eye_contact`:
     the fraction of time with gaze at the listener (0 to 1; None: as sampled). `partner`: the sound (16 kHz) of the
-    conversation partner. `states`: when the subject speaks, listens, thinks or is idle, as a track or (`auto`) from the
-    sounds. `person`: the training speaker that the model is conditioned on (None: a random one by the
+    conversation partner. `population`: whose gaze while listening (face_to_face, remote_call). `states`: when the
+    subject speaks, listens, thinks or is idle, as a track or (`auto`) from the sounds. `person`: the training speaker
+    that the model is conditioned on (None: a random one by the
     seed). `style`: a training speaker's name or measured motion statistics, which are imposed. `no_postprocessing`:
     head and gaze as sampled, without head contribution, amplitude limit and saccadic intrusions (to compare models).
     `face`: the styles of the face (emotion, intensity, speaker) with their onsets; head, gaze and blinks follow the
@@ -55,6 +57,7 @@ class Controls:
     eye_contact: float | None = None
     liveliness: Liveliness = Liveliness()
     partner: Float[ndarray, " N"] | None = None
+    population: str = FACE_TO_FACE
     states: StateTrack | str | None = None
     person: str | None = None
     style: MotionStyle | str | None = None
@@ -72,6 +75,7 @@ class Controls:
             value = getattr(self.liveliness, each.name)
             if not (math.isfinite(value) and 0.0 <= value <= MAX_LIVELINESS):
                 raise InputError(f"liveliness of {each.name}: should be 0 (none) to {MAX_LIVELINESS:g}, got {value:g}")
+        check_population(self.population)
         if not self.face:
             raise InputError("face: should have at least one style, got none")
         if isinstance(self.states, str) and self.states != AUTO:

@@ -17,6 +17,7 @@ factor on its liveliness (`streaming.py`).
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -145,16 +146,25 @@ class LiveGaze:
         self._head_rad, self._head_goal_rad = np.zeros(2), np.zeros(2)  # what completed movements added, and the goal
         self._moves: list[HeadMovement] = []
 
-    def direct(self, trajectory: GazeTrajectory, direction: GazeDirection, liveliness: float = 1.0) -> GazeTrajectory:
+    def direct(
+        self,
+        trajectory: GazeTrajectory,
+        direction: GazeDirection,
+        liveliness: float = 1.0,
+        listening: Sequence[float | None] = (),
+    ) -> GazeTrajectory:
         """The next frames, directed; they are unchanged while nothing directs gaze or did shortly before.
 
-        `liveliness` of gaze scales scanning saccades.
+        `liveliness` of gaze scales scanning saccades. `listening`: eye contact of a listener in each frame
+        (`live_listening.py`), which applies where nothing else directs gaze.
         """
         offsets, self._scan_gain = self._offsets(trajectory), liveliness
         head, space = trajectory.head.copy(), trajectory.gaze_in_space_rad.copy()
         for frame, offset in enumerate(offsets):
             self._distances.append(float(np.hypot(*offset)))
-            head[frame], space[frame] = self._directed(head[frame], space[frame], offset, direction)
+            contact_share = listening[frame] if listening and direction.state is None and direction.is_free else None
+            wanted = direction if contact_share is None else GazeDirection(contact_share)
+            head[frame], space[frame] = self._directed(head[frame], space[frame], offset, wanted)
         return replace(trajectory, head=head, gaze_in_space_rad=space)
 
     @staticmethod

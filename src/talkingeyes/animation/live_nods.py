@@ -1,7 +1,7 @@
 """Nods of a stream: the ends of the partner's phrases, found while the sound comes, and the nods that answer them.
 
-Files find phrases in the whole sound (`audio/voice_activity.py`) and sample one to three nods 0.1 to 0.5 s
-after some of their ends (`synthesis/head_gestures.py: listener_nods`, probability 0.4). A stream samples from the same
+Files find phrases in the whole sound (`audio/voice_activity.py`) and sample nods 0.1 to 0.5 s after some of their
+ends (`synthesis/head_gestures.py: listener_nods`), unless the person nods already. A stream samples from the same
 function. An end is known 0.26 s later, as a phrase may have gaps of 0.25 s. A stream has the sound up to 0.237 s after
 the frame that it gives, so an end is known before its earliest nod; a model with less lookahead nods once it is known.
 
@@ -59,10 +59,12 @@ class PhraseDetector:
         self._levels: deque[float] = deque()
         self._sorted: list[float] = []  # the same levels
         self._step, self._active_steps = 0, [0, -MEMORY_STEPS]  # steps so far; first and last one of the phrase
+        self.active_steps: list[tuple[int, int]] = []  # after each step of the last chunk
 
     def push(self, chunk: Float[ndarray, " N"]) -> list[Phrase]:
         """Take 16 kHz samples, and return the phrases that are known to be over now."""
         self._loud.push(chunk)
+        self.active_steps = []
         sound = np.concatenate([self._rest, chunk])
         whole = len(sound) // STEP_SAMPLES * STEP_SAMPLES
         self._rest = sound[whole:]
@@ -79,7 +81,12 @@ class PhraseDetector:
         first, last = self._active_steps
         if level > max(loud - BELOW_LOUD_DB, quiet + ABOVE_QUIET_DB):
             self._active_steps = [first if self._step - last <= MIN_GAP_STEPS else self._step, self._step]
-        elif self._step - last == MIN_GAP_STEPS and last - first + 1 >= MIN_SPEECH_STEPS:
+        self.active_steps.append((self._active_steps[0], self._active_steps[1]))
+        if (
+            self._step - last == MIN_GAP_STEPS
+            and last - first + 1 >= MIN_SPEECH_STEPS
+            and last == self._active_steps[1]
+        ):
             # The level of a step is that of a window which ends with it.
             start_s, end_s = ((step - WINDOW_STEPS / 2) * STEP_S for step in (first, last + 1))
             return Phrase(Span(start_s, end_s), self._step * STEP_S)
@@ -98,7 +105,7 @@ class LiveNods:
     def __init__(self, latency_s: float, seeds: list[int]) -> None:
         self._latency_s, self._rng = latency_s, np.random.default_rng(seeds)
         self._style = sample_style(self._rng)
-        self._phrases = PhraseDetector()
+        self._phrases, self._end_s = PhraseDetector(), -np.inf  # of the last nods
         self._sampled: list[list[HeadMovement]] = []  # not begun
         self._begun: list[list[HeadMovement]] = []
 
@@ -106,7 +113,9 @@ class LiveNods:
         """Take the next samples of the partner (16 kHz), before the frames that are given with them."""
         for phrase in self._phrases.push(partner):
             turns = Annotation(partner=(phrase.span,))
-            if moves := head_gestures.listener_nods(turns, self._style, self._rng):
+            moves = head_gestures.listener_nods(turns, self._style, self._rng)
+            if moves and moves[0].onset_s >= self._end_s:
+                self._end_s = moves[-1].onset_s + moves[-1].duration_s
                 late_s = max(0.0, phrase.known_s - self._latency_s - moves[0].onset_s)
                 self._sampled.append([replace(move, onset_s=move.onset_s + late_s) for move in moves])
 

@@ -26,7 +26,9 @@ from talkingeyes.animation.blink_sampling import SHUT_CLOSURE
 from talkingeyes.animation.context import AnimationContext, MotionCentre, sample_seeds
 from talkingeyes.animation.controls import Controls, Liveliness
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory, hold_frames
+from talkingeyes.animation.listening_behaviour import FACE_TO_FACE, check_population
 from talkingeyes.animation.live_gaze import GazeDirection, LiveGaze
+from talkingeyes.animation.live_listening import LiveListening
 from talkingeyes.animation.live_nods import LiveNods
 from talkingeyes.animation.model_file import open_model
 from talkingeyes.animation.pipeline import CAUSAL_STEPS
@@ -47,7 +49,7 @@ from talkingeyes.training.motion_generators import NetworkGenerator, load_genera
 MAX_LATENCY_S = 0.4
 STRAIGHT_AHEAD_RAD = np.zeros(2)
 RAMP_S = 0.2  # in which a changed liveliness takes effect
-GAZE_STREAM, NOD_STREAM = 1, 2  # of the seeds
+GAZE_STREAM, NOD_STREAM, LISTENING_STREAM = 1, 2, 3  # of the seeds
 
 
 @dataclass(frozen=True)
@@ -65,11 +67,18 @@ class StreamFrames:
 
 @dataclass(frozen=True)
 class LiveControls:
-    """Controls of a stream: blink profile, liveliness (`animation/controls.py`), eye contact, target and state."""
+    """Controls of a stream: blink profile, liveliness (`animation/controls.py`), eye contact, target and state.
+
+    `population`: whose gaze while a partner speaks (face_to_face, remote_call). Raises InputError for another.
+    """
 
     blinks: str = "physiological"
     liveliness: Liveliness = field(default_factory=Liveliness)
     gaze: GazeDirection = field(default_factory=GazeDirection)
+    population: str = FACE_TO_FACE
+
+    def __post_init__(self) -> None:
+        check_population(self.population)
 
     @property
     def state_liveliness(self) -> Liveliness:
@@ -148,7 +157,12 @@ class LiveModel:
             nods.push(partner)
             turns = controls.state_liveliness.head * nods.rotation(trajectory.times_s, controls.nods)
             trajectory = replace(trajectory, head=trajectory.head + turns)
-        trajectory = self.live_gaze(seed).direct(trajectory, controls.gaze, controls.liveliness.gaze)
+        contact: list[float | None] = []
+        if partner is not None:
+            listening = self.live_listening(seed, controls)
+            listening.push(sound, partner)
+            contact = listening.contact(len(trajectory.head))
+        trajectory = self.live_gaze(seed).direct(trajectory, controls.gaze, controls.liveliness.gaze, contact)
         sampled_blinks = self.sample_hour_of_blinks(seed, controls)
         closure = blinks.blink_closure(sampled_blinks, trajectory.times_s)
         space = hold_frames(trajectory.gaze_in_space_rad, closure >= SHUT_CLOSURE)
@@ -176,6 +190,11 @@ class LiveModel:
     def live_nods(self, seed: int) -> LiveNods:
         """What answers the partner of a stream."""
         return LiveNods(self.latency_s, [seed, NOD_STREAM])
+
+    def live_listening(self, seed: int, controls: LiveControls) -> LiveListening:
+        """Gaze of a stream while its partner speaks; the last frame of a bin of gaze comes with the first."""
+        known_s = self.latency_s - (StreamingModules.of(self.network).gaze.step_frames - 1) / self.fps
+        return LiveListening(self.fps, known_s, controls.population, [seed, LISTENING_STREAM])
 
     @property
     def mean_head(self) -> Float[ndarray, " 3"]:
@@ -216,6 +235,7 @@ class LiveStream:
             model.embedding, model.fps, block_frames=StreamingModules.of(model.network).gaze.step_frames
         )
         self._nods: LiveNods | None = None  # with a partner
+        self._listening = model.live_listening(seed, controls)
         self._samples, self._frames = 0, 0
         self._held_gaze: Float[ndarray, "2 2"] | None = None  # of the last frame
         self._ended = False
@@ -223,8 +243,8 @@ class LiveStream:
     def push(self, chunk: Float[ndarray, " N"], partner: Float[ndarray, " M"] | None = None) -> StreamFrames:
         """Take the next 16 kHz samples and return the frames that are complete now, perhaps none.
 
-        `partner`: the same time of the partner's sound, which nods answer; with every chunk or with none. Raises
-        InputError for NaN, for more than an hour, after the end, and for a partner that does not fit.
+        `partner`: the same time of the partner's sound, which nods and gaze answer; with every chunk or with none.
+        Raises InputError for NaN, for more than an hour, after the end, and for a partner that does not fit.
         """
         if self._ended:
             raise InputError("sound: the stream has ended; a new one should be begun, got more sound")
@@ -233,15 +253,16 @@ class LiveStream:
                 raise InputError(f"{name}: samples should be finite numbers, got NaN or infinite ones")
         if self._samples + len(chunk) > LONGEST_S * SAMPLE_RATE:
             raise InputError(f"sound: a stream should last at most {LONGEST_S:.0f} s, got more")
-        self._push_partner(len(chunk), partner)
+        self._push_partner(chunk, partner)
         self._samples += len(chunk)
         patch = self._prosody.block_frames
         features = self._prosody.push(chunk)
         parts = [self._push_features(features[first : first + patch]) for first in range(0, len(features), patch)]
         return self._add_blinks(parts)
 
-    def _push_partner(self, count: int, partner: Float[ndarray, " M"] | None) -> None:
-        """Take the partner's sound for a chunk of `count` samples."""
+    def _push_partner(self, chunk: Float[ndarray, " N"], partner: Float[ndarray, " M"] | None) -> None:
+        """Take the partner's sound for a chunk."""
+        count = len(chunk)
         given = 0 if partner is None else len(partner)
         if partner is not None and given != count:
             raise InputError(f"partner: should have as many samples as the sound, {count}, got {given}")
@@ -250,6 +271,7 @@ class LiveStream:
         if partner is not None:
             self._nods = self._nods or self._model.live_nods(self._seed)
             self._nods.push(partner)
+            self._listening.push(chunk, partner)
 
     def change(self, liveliness: Liveliness | None = None, gaze: GazeDirection | None = None) -> int:
         """Change controls for the frames that have not been given yet; returns the number of the first of them.
@@ -277,7 +299,8 @@ class LiveStream:
         if not parts:
             return StreamFrames(self._frames, np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros((0, 2)))
         trajectory = self._add_nods(self._apply_steps(concat_motions(parts)))
-        trajectory = self._gaze.direct(trajectory, self._controls.gaze, self._controls.liveliness.gaze)
+        contact = self._listening.contact(len(trajectory.head)) if self._nods else []
+        trajectory = self._gaze.direct(trajectory, self._controls.gaze, self._controls.liveliness.gaze, contact)
         first = self._frames
         self._frames += len(trajectory.head)
         closure = self._closure(np.arange(first, self._frames) / self._model.fps)

@@ -18,6 +18,7 @@ from talkingeyes.cli.performance_options import (
     Intensity,
     ModelFile,
     Partner,
+    Population,
     Seed,
     States,
     Style,
@@ -56,6 +57,7 @@ def add_eyes(
     gaze_liveliness: GazeLiveliness = 1.0,
     blink_liveliness: BlinkLiveliness = 1.0,
     partner: Partner = None,
+    population: Population = "face_to_face",
     states: States = None,
     person: Annotated[
         str | None, typer.Option(help="Training speaker to imitate. Default: a random one, set by the seed.")
@@ -80,6 +82,7 @@ def add_eyes(
         gaze=gaze_liveliness,
         blinking=blink_liveliness,
         partner=partner,
+        population=population,
         states=states,
         person=person,
         style=style,

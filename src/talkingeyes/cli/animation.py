@@ -18,6 +18,7 @@ from talkingeyes.cli.performance_options import (
     Intensity,
     ModelFile,
     Partner,
+    Population,
     Seed,
     States,
     Style,
@@ -58,6 +59,7 @@ def animate(
     gaze_liveliness: GazeLiveliness = 1.0,
     blink_liveliness: BlinkLiveliness = 1.0,
     partner: Partner = None,
+    population: Population = "face_to_face",
     states: States = None,
     dialogue: Annotated[
         bool,
@@ -66,7 +68,7 @@ def animate(
     person: Annotated[
         str | None,
         typer.Option(
-            help="Training speaker to imitate (in a dialogue two: A,B). Default: a random one, set by the seed."
+            help="Training speaker, or a number for one of them (in a dialogue two: A,B). Default: set by the seed."
         ),
     ] = None,
     style: Style = None,
@@ -121,6 +123,7 @@ def animate(
         gaze=gaze_liveliness,
         blinking=blink_liveliness,
         partner=partner,
+        population=population,
         states=states,
         person=person,
         style=style,

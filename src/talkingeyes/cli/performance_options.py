@@ -15,6 +15,7 @@ HeadLiveliness = Annotated[float, typer.Option(help="Scale of head motion: 0 non
 GazeLiveliness = Annotated[float, typer.Option(help="Scale of gaze: 0 none, 1 as sampled, 2 double.")]
 BlinkLiveliness = Annotated[float, typer.Option(help="Scale of the blink rate: 0 none, 1 as in the profile, 2 double.")]
 Partner = Annotated[Path | None, typer.Option(help="The sound of the conversation partner, synchronous.")]
+Population = Annotated[str, typer.Option(help="Gaze while the partner speaks: face_to_face or remote_call.")]
 States = Annotated[
     str | None, typer.Option(help="States of the speaker: auto, or a track (.json, .csv; docs/control.md).")
 ]

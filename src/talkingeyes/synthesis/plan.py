@@ -73,7 +73,7 @@ class SynthesizeSettings(SourceSettings):
     multi_take_sounds: int = Field(ge=0)  # number in the test split, and number in the unseen split
     fps: float = Field(ge=5, le=500)  # of motion and observations
     blinks: Literal["physiological", "paper"]  # blink profile
-    # Gaze by the literature on conversations face to face, or as recorded in remote calls.
+    # Gaze as recorded in pairs face to face and interviews, or in remote calls.
     population: Literal["face_to_face", "remote_call"]
     speech_coupling: float = Field(ge=0, le=1)  # of gaze, head and brows to speech: factor on that of each speaker
     cue_delay_s: float = Field(ge=-2, le=2)  # of the cues that speech gives to gaze

@@ -6,18 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 
 from talkingeyes.head.eyelid.anatomy import EyelidParameters
 from talkingeyes.physiology.blinks import PHYSIOLOGICAL, BlinkProfile, sample_blink_rate
+from talkingeyes.physiology.contact_population import SHARES, ContactPopulation, contact_habits, read_contact
 from talkingeyes.physiology.gaze_population import GazeHabits, read_population, sample_habits
 from talkingeyes.physiology.lids import sample_eyelids
 from talkingeyes.synthesis.voice_profiles import Voice, sample_voice
 
-LOOK_LISTENING = (9.0, 2.0)  # Beta: mean 0.82 (Argyle & Cook 1976: 75 %; Lee, Badler & Badler 2002: 95 %)
 BLINK_COMPLETENESS = (7.0, 3.0)  # Beta: mean 0.7; full closure in half to three quarters of blinks (Sforza 2008)
 KAPPA_DEG, KAPPA_EYE_DEG, KAPPA_DOWN_DEG = (4.5, 1.2), 0.4, (1.0, 0.7)  # typically 5 temporal, 1 to 2 vertical
 IDENTITY_SHAPES = 6
-PARTNER_SHARES = (0.05, 0.95)  # bounds, where cues of speech depend on the share of gaze at the partner
 
 
 @dataclass(frozen=True)
@@ -32,9 +33,10 @@ class SpeakerStyle:
     `translation_scale` its translation. `head_threshold` and `head_gain` are the eccentricity from which the head
     contributes to gaze shifts, and its gain. `speaking_lift` is the rise of the head while speaking,
     `blink_completeness` the proportion of blinks that close the lids, `kappa` the (yaw, pitch) from the visual to the
-    optical axis of the left and the right eye. `habits` are fixations of a recorded population; None: the laws of
-    gaze_aversion and gaze_shifts, from the literature on conversations face to face. `cue_delay_s` delays all cues that
-    speech gives to gaze.
+    optical axis of the left and the right eye. `dwell_scale` is a factor on the duration of looks at the partner and
+    away, whose distributions are those of `contact`. `habits` are fixations of a recorded population; None: looks as
+    recorded face to face (gaze_aversion), scanned as in the literature (gaze_shifts). `cue_delay_s` delays all cues
+    that speech gives to gaze.
     """
 
     partner_gaze_speaking: float
@@ -63,6 +65,8 @@ class SpeakerStyle:
     expressiveness: float
     eyelids: tuple[EyelidParameters, EyelidParameters]
     kappa: tuple[tuple[float, float], tuple[float, float]]
+    dwell_scale: float
+    contact: ContactPopulation
     habits: GazeHabits | None = None
     cue_delay_s: float = 0.0
     aversion_lowering: float = 0.0
@@ -82,9 +86,14 @@ def sample_style(
     rng: np.random.Generator, blinks: BlinkProfile = PHYSIOLOGICAL, liveliness: float = 1.0
 ) -> SpeakerStyle:
     """Sample a style from the distributions over people; `blinks` is the profile of blink rates."""
+    population = read_contact("face_to_face")
+    person = contact_habits(population, rng.standard_normal(3))
     return SpeakerStyle(
+        contact=population,
+        partner_gaze_speaking=person.share_speaking,
+        partner_gaze_listening=person.share_listening,
+        dwell_scale=person.dwell_scale,
         liveliness=liveliness,
-        partner_gaze_speaking=float(np.clip(rng.beta(4.0, 3.3), 0.2, 0.9)),
         aversion_side=float(rng.normal(0.0, 0.25)),
         aversion_scale=float(np.exp(0.25 * rng.standard_normal())),
         saccade_rate=float(np.exp(0.20 * rng.standard_normal())),
@@ -95,7 +104,7 @@ def sample_style(
         head_tempo=1.0,
         head_threshold=float(np.radians(rng.uniform(5.0, 15.0))),
         head_gain=float(rng.uniform(0.3, 0.9)),
-        nod_probability=float(rng.uniform(0.2, 0.4)),
+        nod_probability=float(rng.uniform(0.07, 0.17)),
         speaking_lift=float(np.radians(rng.normal(3.8, 1.2))),
         blinks_per_min=sample_blink_rate(blinks, rng),
         rest_pitch=float(np.radians(rng.normal(2.0, 2.5))),
@@ -106,7 +115,6 @@ def sample_style(
         lip_scale=float(np.exp(0.12 * rng.standard_normal())),
         expressiveness=float(np.exp(0.2 * rng.standard_normal())),
         eyelids=sample_eyelids(rng),
-        partner_gaze_listening=float(np.clip(rng.beta(*LOOK_LISTENING), 0.5, 0.98)),
         blink_completeness=float(rng.beta(*BLINK_COMPLETENESS)),
         kappa=_kappa(rng),
     )
@@ -132,6 +140,18 @@ def sample_speaker(
     return Speaker(name, voice, style, tuple(map(float, rng.standard_normal(IDENTITY_SHAPES))))
 
 
+def with_contact(style: SpeakerStyle, population: ContactPopulation, normal: Float[ndarray, " 3"]) -> SpeakerStyle:
+    """The style with the looks of the person of a population that three standard normal numbers stand for."""
+    person = contact_habits(population, normal)
+    return replace(
+        style,
+        contact=population,
+        partner_gaze_speaking=person.share_speaking,
+        partner_gaze_listening=person.share_listening,
+        dwell_scale=person.dwell_scale,
+    )
+
+
 def with_habits(style: SpeakerStyle, population: str, rng: np.random.Generator) -> SpeakerStyle:
     """The style with the gaze of a person sampled from a recorded population (physiology/populations)."""
     habits = sample_habits(read_population(population), rng)
@@ -139,6 +159,6 @@ def with_habits(style: SpeakerStyle, population: str, rng: np.random.Generator) 
     return replace(
         style,
         habits=habits,
-        partner_gaze_speaking=float(np.clip(speaking, *PARTNER_SHARES)),
-        partner_gaze_listening=float(np.clip(listening, *PARTNER_SHARES)),
+        partner_gaze_speaking=float(np.clip(speaking, *SHARES)),
+        partner_gaze_listening=float(np.clip(listening, *SHARES)),
     )

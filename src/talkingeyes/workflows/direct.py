@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 from talkingeyes.animation.controls import Controls, Liveliness
 from talkingeyes.animation.conversation_states import AUTO, StateTrack, load_states
+from talkingeyes.animation.listening_behaviour import FACE_TO_FACE
 from talkingeyes.animation.motion_resampling import resample_motion
 from talkingeyes.animation.part_overrides import PartOverrides
 from talkingeyes.animation.targets import TargetTrack, constant_target, load_targets
@@ -34,6 +35,7 @@ def make_controls(
     gaze: float = 1.0,
     blinking: float = 1.0,
     partner: Path | str | None = None,
+    population: str = FACE_TO_FACE,
     states: Path | str | None = None,
     person: str | None = None,
     style: Path | str | None = None,
@@ -44,9 +46,9 @@ def make_controls(
     without: Sequence[str] = (),
     replaced: Mapping[str, Path | str] = MappingProxyType({}),
 ) -> Controls:
-    """Controls of an animation: `target` is camera, listener or a file, `partner` a sound, `states` auto or a file,
-    `style` a speaker's name or a motion.
+    """Controls of an animation: `target` is camera, listener or a file, `partner` a sound, `states` auto or a file.
 
+    `population` is whose gaze while listening (face_to_face, remote_call), `style` a speaker's name or a motion.
     `person` is a training speaker of the model; by default a random one, chosen by the seed. `head`, `gaze` and
     `blinking` are factors of liveliness: 0 none, 1 as the model, 2 double. `no_postprocessing` switches the rule-based
     layers off, apart from the chosen controls (docs/whole.md). `emotion` and `intensity` (1 to 3) concern face and
@@ -61,6 +63,7 @@ def make_controls(
         eye_contact=eye_contact,
         liveliness=Liveliness(head, gaze, blinking),
         partner=None if partner is None else read_speech(partner),
+        population=population,
         states=None if states is None else _states(states),
         person=person,
         style=None if style is None else _motion_style(style),

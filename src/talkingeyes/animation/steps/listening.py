@@ -11,6 +11,7 @@ from talkingeyes.animation.context import AnimationContext
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory
 from talkingeyes.animation.steps.eye_contact import EYE_CONTACT_STREAM, set_eye_contact
 from talkingeyes.animation.steps.states import LISTENING_CONTACT
+from talkingeyes.audio.annotation import Span
 from talkingeyes.physiology import eye_head
 
 
@@ -23,9 +24,12 @@ def add_nods(trajectory: GazeTrajectory, context: AnimationContext) -> GazeTraje
 
 
 def look_at_partner(trajectory: GazeTrajectory, context: AnimationContext) -> GazeTrajectory:
-    """Set the fraction of listening time with gaze at the partner."""
+    """Look at the partner and away while listening; with states, a share of the time."""
     if not (context.listening and context.turns) or context.controls.eye_contact is not None:
         return trajectory
-    fraction = LISTENING_CONTACT if context.states else context.listening.gaze_fraction
-    spans = context.turns.listening
-    return set_eye_contact(trajectory, fraction, context, EYE_CONTACT_STREAM, spans)
+    if context.states:
+        return set_eye_contact(trajectory, LISTENING_CONTACT, context, EYE_CONTACT_STREAM, context.turns.listening)
+    for fraction in (0.0, 1.0):
+        spans = [Span(look.start_s, look.end_s) for look in context.listening.looks if look.averted != bool(fraction)]
+        trajectory = set_eye_contact(trajectory, fraction, context, EYE_CONTACT_STREAM, spans)
+    return trajectory

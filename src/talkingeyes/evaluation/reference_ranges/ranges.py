@@ -107,9 +107,9 @@ RANGES_BY_SECTION: dict[str, tuple[ReferenceRange, ...]] = {
             "start_averted",
             "long turns that start with gaze averted",
             "> 0.70",
-            0.55,
+            0.40,
             0.80,
-            "Kendon via Rutter 1978 S*",
+            "Kendon via Rutter 1978 S*, Wohltjen 2021",
         ),
         ReferenceRange(
             "end_looking",
@@ -125,10 +125,10 @@ RANGES_BY_SECTION: dict[str, tuple[ReferenceRange, ...]] = {
         ReferenceRange(
             "partner_gaze_duration",
             "dwell time at the partner, median",
-            "2-5",
-            1.5,
+            "1-5",
+            1.0,
             4.5,
-            "Lee 2002, Andrist 2013 R",
+            "Lee 2002, Andrist 2013 R, Wohltjen 2021",
             "s",
         ),
         ReferenceRange(
