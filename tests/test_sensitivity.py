@@ -165,7 +165,8 @@ def test_without_blinks_their_metrics_have_nothing_to_measure(found) -> None:
 
 def test_every_metric_detects_some_corruption(found) -> None:
     blind = {name for name, cells in found.items() if not detected_corruptions(cells)}
-    assert blind <= {"reference_correlation/aversion_yaw", "eye/pitch_skew", "saccades/interval_cv"}
+    aversion = {"reference_correlation/aversion_yaw", "reference_correlation/aversion_pitch"}
+    assert blind <= {*aversion, "eye/pitch_skew", "head/pitch_velocity_skew", "saccades/interval_cv"}
 
 
 @pytest.mark.long

@@ -1,7 +1,7 @@
 """The one error that a user can fix: shown as one line, exit status 2."""
 
 MAX_LETTERS = 290  # of a message
-MAX_LOCATION = 140  # letters of its location: a path or key, before the first colon
+MAX_LOCATION = 200  # letters of its location: a path or key, before the first colon
 TAIL_LETTERS = 60  # a hint often stands at the end
 
 

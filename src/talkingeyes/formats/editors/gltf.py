@@ -24,12 +24,12 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
 from talkingeyes.formats.editors.channels import EYE_NAMES, AddedEyes, channel_name, eye_channels
 from talkingeyes.formats.joint_names import list_names
-from talkingeyes.formats.readers.gltf_document import STILL, Track, Tracks
+from talkingeyes.formats.readers.gltf import head_of
+from talkingeyes.formats.readers.gltf_document import STILL, GltfDocument, Track, Tracks
 from talkingeyes.formats.readers.gltf_rig import VRM_ANIMATION, Rig, open_rig
 from talkingeyes.formats.rotations import quaternions
 from talkingeyes.formats.writers import vrm
 from talkingeyes.formats.writers.gltf import Gltf
-from talkingeyes.head.anny import anny_head
 from talkingeyes.head.eyelid.blendshapes import LID_SHAPES
 from talkingeyes.head.posing import motion_to_pose
 
@@ -126,7 +126,7 @@ class GltfFile:
             moving = track is not None and any(
                 np.ptp(weights[:, column]) > STILL for column, name in enumerate(names) if name.startswith("eyelook")
             )
-            for name, values in _shapes(added.motion, names, looks_turn_eyes or moving).items():
+            for name, values in _shapes(added.motion, self.rig.document, names, looks_turn_eyes or moving).items():
                 column = names.index(name)
                 weights[:, column] = values if track is None else added.mixed(weights[:, column], values)
             channels[node, "weights"] = weights
@@ -209,13 +209,14 @@ def own_times(tracks: Tracks, own: Motion) -> Float[ndarray, " T"]:
     return np.asarray(next(exact, first + np.arange(len(own)) / own.fps))
 
 
-def _shapes(motion: Motion, names: list[str], looks: bool) -> dict[str, Float[ndarray, " T"]]:
+def _shapes(motion: Motion, document: GltfDocument, names: list[str], looks: bool) -> dict[str, Float[ndarray, " T"]]:
     """Weights of the shapes of eyes and lids that a face has, by `channel_name`."""
     wanted = {name: values for name, values in eye_channels(motion, names).items() if name in names}
     if LID_SHAPES[0].lower() in names:
-        pose = motion_to_pose(anny_head(), motion)
+        head = head_of(document)
+        pose = motion_to_pose(head, motion)
         made = (*LID_SHAPES, *(name for name in arkit.NAMES if name.lower() in wanted))
-        return {name.lower(): pose.expression[:, anny_head().shape(name)] for name in made if name.lower() in names}
+        return {name.lower(): pose.expression[:, head.shape(name)] for name in made if name.lower() in names}
     return {name: values for name, values in wanted.items() if looks or not name.startswith("eyelook")}
 
 

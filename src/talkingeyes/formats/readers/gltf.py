@@ -67,14 +67,19 @@ def _head(rig: Rig, fps: float | None) -> NotedMotion:
         for name, values in zip(shown, tracks[node, "weights"].sampled(times).T, strict=True):
             if name not in shapes or not shapes[name].any():
                 shapes[name] = values
-    look = (document.content["asset"].get("extras") or {}).get(LOOK_KEY)
-    head = dressed_head(look) if look in LOOKS else anny_head()
-    motion = motion_from_shapes(rate, rig.turns("head", times), gaze, rig.turns("jaw", times), shift, shapes, head)
+    turns = rig.turns("head", times), gaze, rig.turns("jaw", times)
+    motion = motion_from_shapes(rate, *turns, shift, shapes, head_of(document))
     notes = lost_shapes(shapes)
     unnamed = [track for (node, path), track in tracks.items() if path == "weights" and node not in faces]
     if unnamed:
         notes += (f"{sum(each.values.shape[1] for each in unnamed)} shapes without names have no place here",)
     return NotedMotion(motion, notes)
+
+
+def head_of(document: GltfDocument) -> HeadModel:
+    """The open head that a file shows: with the look that it states, on which the weights of its lids depend."""
+    look = (document.content["asset"].get("extras") or {}).get(LOOK_KEY)
+    return dressed_head(look) if look in LOOKS else anny_head()
 
 
 def _nothing_known(document: GltfDocument, tracks: Tracks, names: Sequence[str]) -> InputError:
