@@ -11,6 +11,7 @@ import contextlib
 import io
 import multiprocessing
 import os
+import re
 import resource
 import shutil
 import signal
@@ -35,6 +36,7 @@ ADDRESSES = 16 * 2**30  # bytes: a case that asks for more ends before the machi
 WAIT_S = 90  # for a case, on a busy machine
 CASES = Path("../shared/data/cases")  # files of other programs, where there are some
 FORBIDDEN = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "socket.connect", "os.fork")
+PROGRESS = re.compile(r"\d%\||it/s\]|s/it\]")  # bars of tqdm
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 
 
@@ -84,11 +86,7 @@ def judge(target: Target, place: Path, watch: Watch, good: bool = False) -> str 
         signal.setitimer(signal.ITIMER_PROF, 0)
         watch.on = False
     written = [path for path in place.iterdir() if path.name.startswith(("out", ".out", "canary"))]
-    lines = [
-        line
-        for line in said.getvalue().replace("\r", "\n").splitlines()
-        if line.strip() and "it/s]" not in line and "|" not in line
-    ]
+    lines = [line for line in re.split(r"[\r\n]", said.getvalue()) if line.strip() and not PROGRESS.search(line)]
     if fault is None and status not in (0, 2):
         fault = f"status {status}: {lines[-1][:120] if lines else ''}"
     elif fault is None and status == 2:

@@ -144,7 +144,7 @@ class Disturbance:
 
 DISTURBANCES = (
     Disturbance("killed", (-signal.SIGKILL,), signal=signal.SIGKILL),
-    Disturbance("Ctrl-C", (130,), signal=signal.SIGINT),
+    Disturbance("Ctrl-C", (130, -signal.SIGINT), signal=signal.SIGINT),  # a shell calls both 130
     Disturbance("dead worker", (2,), worker_dies=True),
     Disturbance("full disk", (2,), file_bytes=60_000),
     Disturbance("no home", (), homeless=True),

@@ -149,7 +149,7 @@ def read_packed_metadata(path: Path) -> PackedMetadata:
 
 def _unpack(path: Path, packed: PackedMetadata, place: Path) -> Path:
     """Write the folders of a packed model; returns the first."""
-    from safetensors.numpy import load_file, save_file
+    from safetensors.numpy import load_file, save
 
     tensors: dict[str, dict[str, Any]] = {}
     for key, tensor in load_file(path).items():
@@ -163,7 +163,7 @@ def _unpack(path: Path, packed: PackedMetadata, place: Path) -> Path:
     for name, text in packed.files.items():
         (place / name).write_text(text)
     for name, content in tensors.items():
-        save_file(content, place / name)
+        (place / name).write_bytes(save(content))
     return place / packed.models[0]
 
 

@@ -5,11 +5,14 @@ A stage in pipelines/ is a function `(workspace[, name]) -> Report`; `main` turn
 
 from __future__ import annotations
 
+import atexit
+import errno
 import hashlib
 import importlib
 import inspect
 import os
 import shutil
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -44,6 +47,7 @@ __all__ = [
 
 Stage = Callable[..., Report]
 
+UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM)
 CHECKSUMS_FILE = "SHA256SUMS"
 # `make repro` sets it to 1 where two rows of stages run side by side: workers of a row would wait for the other's core,
 # and each imports torch.
@@ -180,6 +184,8 @@ def parallel_map(function: Callable[[A], B], items: Iterable[A], jobs: int, titl
     processed sequentially: the cores are already in use, and the threads that joblib would start there share torch's
     seed.
     """
+    from concurrent.futures.process import BrokenProcessPool
+
     import joblib
     from joblib.parallel import get_active_backend
 
@@ -191,7 +197,10 @@ def parallel_map(function: Callable[[A], B], items: Iterable[A], jobs: int, titl
         return_as="generator" if backend.supports_return_generator else "list",
         pre_dispatch="4*n_jobs",
     )(tasks)
-    yield from progress_bar(results, title, len(items))
+    try:
+        yield from progress_bar(results, title, len(items))
+    except BrokenProcessPool:
+        raise InputError(f"{title}: a process was killed, perhaps for want of memory") from None
 
 
 @contextmanager
@@ -235,13 +244,21 @@ def configure_environment() -> None:
 
 
 def run_command(command: Callable[[], None]) -> NoReturn:
-    """Run a command and exit: status 2 and one line on stderr for an InputError, 130 when interrupted."""
+    """Run a command and exit: status 2 and one line for an InputError or a full disk, 130 when interrupted."""
     configure_environment()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)  # what is written is whole, and the status is 0
     command = _by_module_name(command)
     try:
         command()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except OSError as error:
+        if error.errno not in UNWRITABLE:
+            raise
+        where = error.filename or Path.cwd()
+        print(f"error: {where}: should be on a disk that can be written, got: {error.strerror}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
