@@ -20,13 +20,13 @@ import contextlib
 import hashlib
 import os
 import re
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from talkingeyes.audio.encoder_transformers import LOCAL_FILES_ONLY
+from talkingeyes.core.atomic_file import temporary_folder
 from talkingeyes.core.containers import parse_json, reading
 from talkingeyes.core.errors import InputError
 
@@ -115,18 +115,18 @@ def open_model(model: Path) -> Iterator[Path]:
             f"{model}: no trained model here; run `make repro` first, or name a folder of the train stage or one of "
             f"{', '.join(PACKAGED_MODELS)}"
         )
-    with tempfile.TemporaryDirectory(prefix="talkingeyes-") as place:
+    with temporary_folder() as place:
         with reading(model, PACKED):
             packed = read_packed_metadata(model)
             _check_content(model, packed)
             _check_encoder(model, packed.encoder)
-            first = _unpack(model, packed, Path(place))
+            first = _unpack(model, packed, place)
         offline = LOCAL_FILES_ONLY.set(True)
         try:
             yield first
         except InputError as error:
             said = str(error).replace(str(first), str(model))
-            raise InputError(said.replace(place, str(model))) from None  # of a model beside the first
+            raise InputError(said.replace(str(place), str(model))) from None  # of a model beside the first
         finally:
             LOCAL_FILES_ONLY.reset(offline)
 
