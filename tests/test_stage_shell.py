@@ -97,6 +97,16 @@ def test_output_is_atomic(tmp_path):
     assert workspace.data("fit", "a").read_text() == "old"
 
 
+def test_an_output_has_one_writer(tmp_path):
+    workspace = Workspace(tmp_path, {})
+    with workspace.output("train") as folder:
+        (folder / "x").write_text("1")
+        with pytest.raises(InputError, match="another process is writing this output"), workspace.output("train"):
+            pass
+    assert (tmp_path / "data/train/x").read_text() == "1"
+    assert [path.name for path in (tmp_path / "data").iterdir()] == ["train"]
+
+
 def test_an_output_lists_its_files_as_sha256sum_does(tmp_path):
     workspace = Workspace(tmp_path, {})
     with workspace.output("fit") as folder:

@@ -145,20 +145,38 @@ class Workspace:
         final = self.data(*parts)
         partial = final.with_name(f".{final.name}.partial")
         mark = partial / "FINGERPRINT"
-        if fingerprint is None or not mark.is_file() or mark.read_text() != fingerprint:
-            shutil.rmtree(partial, ignore_errors=True)
-            partial.mkdir(parents=True)
-            if fingerprint is not None:
-                mark.write_text(fingerprint)
+        partial.mkdir(parents=True, exist_ok=True)
+        with _only_writer(partial):
+            if fingerprint is None or not mark.is_file() or mark.read_text() != fingerprint:
+                for left in partial.iterdir():
+                    shutil.rmtree(left) if left.is_dir() else left.unlink()
+                if fingerprint is not None:
+                    mark.write_text(fingerprint)
+            try:
+                yield partial
+                mark.unlink(missing_ok=True)
+                (partial / CHECKSUMS_FILE).write_text(checksums(partial))
+            except BaseException:
+                if fingerprint is None:
+                    shutil.rmtree(partial, ignore_errors=True)
+                raise
+            replace_folder(final, partial)
+
+
+@contextmanager
+def _only_writer(folder: Path) -> Iterator[None]:
+    """Lock a folder itself, so that no lock file stays. Raises InputError if another process holds it."""
+    import fcntl  # stages need Linux, other commands do not
+
+    handle = os.open(folder, os.O_RDONLY)
+    try:
         try:
-            yield partial
-            mark.unlink(missing_ok=True)
-            (partial / CHECKSUMS_FILE).write_text(checksums(partial))
-        except BaseException:
-            if fingerprint is None:
-                shutil.rmtree(partial, ignore_errors=True)
-            raise
-        replace_folder(final, partial)
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"{folder}: another process is writing this output; wait for its end") from None
+        yield
+    finally:
+        os.close(handle)
 
 
 def code_digest(rooms: Iterable[str]) -> str:
