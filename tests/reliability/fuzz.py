@@ -212,9 +212,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
         wanted = [each for each in targets([path.name for path in cases]) if given.only in each.name]
         tasks = (delayed(fuzz)(each, good, given.mutations, given.seed, given.keep) for each in wanted)
         found = Parallel(n_jobs=given.jobs, return_as="generator")(tasks)
-        failed = sum(report(wanted, tqdm(found, total=len(wanted), disable=None), given.mutations))
-    print(f"{len(wanted) * given.mutations} tried, {failed} failed")
-    sys.exit(1 if failed else 0)
+        failed = list(report(wanted, tqdm(found, total=len(wanted), disable=None), given.mutations))
+    tried, faults = Counter[str](), Counter[str]()
+    for target, number in zip(wanted, failed, strict=True):
+        kind = f"{target.name.split()[0]}, {target.form}"
+        tried[kind] += given.mutations
+        faults[kind] += number
+    print("\nby command and form of its file")
+    for kind, count in tried.items():
+        print(f"{kind:32} {count} tried, {faults[kind]} failed")
+    print(
+        f"{tried.total()} tried, {faults.total()} failed ({faults.total() / max(tried.total(), 1):.2%}), seed {given.seed}"
+    )
+    sys.exit(1 if faults.total() else 0)
 
 
 def report(wanted: Sequence[Target], found: Iterator[dict[int, str]], tried: int) -> Iterator[int]:

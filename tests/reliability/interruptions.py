@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -266,7 +267,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--only", default="", help="operations whose name contains this")
     given = parser.parse_args(arguments)
     os.environ["PYTHONPATH"] = os.pathsep.join(os.path.abspath(path) for path in sys.path if path)
-    tried = failed = 0
+    tried, failed = Counter[str](), Counter[str]()
     with tempfile.TemporaryDirectory(prefix="talkingeyes-interruptions-") as folder:
         root = Path(folder)
         write_good_files(root / "good")
@@ -291,9 +292,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
                         faults.append(f"        at {share:.2f}: {fault}")
                     shutil.rmtree(place)
                 print(f"    {how.name:12} {count} tried, {len(faults)} failed", *faults[:5], sep="\n", flush=True)
-                tried, failed = tried + count, failed + len(faults)
-    print(f"{tried} tried, {failed} failed")
-    sys.exit(1 if failed else 0)
+                tried[how.name] += count
+                failed[how.name] += len(faults)
+    print("\nby disturbance")
+    for name, count in tried.items():
+        print(f"{name:12} {count} tried, {failed[name]} failed")
+    print(f"{tried.total()} tried, {failed.total()} failed, seed {given.seed}")
+    sys.exit(1 if failed.total() else 0)
 
 
 if __name__ == "__main__":
