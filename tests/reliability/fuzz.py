@@ -221,10 +221,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print("\nby command and form of its file")
     for kind, count in tried.items():
         print(f"{kind:32} {count} tried, {faults[kind]} failed")
-    print(
-        f"{tried.total()} tried, {faults.total()} failed ({faults.total() / max(tried.total(), 1):.2%}), seed {given.seed}"
-    )
-    sys.exit(1 if faults.total() else 0)
+    total, failures = tried.total(), faults.total()
+    print(f"{total} tried, {failures} failed ({failures / max(total, 1):.2%}), seed {given.seed}")
+    sys.exit(1 if failures else 0)
 
 
 def report(wanted: Sequence[Target], found: Iterator[dict[int, str]], tried: int) -> Iterator[int]:
