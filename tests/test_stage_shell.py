@@ -28,7 +28,7 @@ def fails(error):
         (
             OSError(errno.ENOSPC, "No space left on device", "data/x"),
             2,
-            "error: data/x: should be on a disk that can be written, got: No space left on device\n",
+            "error: data/x: cannot be read or written (No space left on device)\n",
         ),
         (KeyboardInterrupt(), 130, "interrupted\n"),
     ],

@@ -47,7 +47,7 @@ __all__ = [
 
 Stage = Callable[..., Report]
 
-UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM)
+OF_DISKS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM)
 CHECKSUMS_FILE = "SHA256SUMS"
 # `make repro` sets it to 1 where two rows of stages run side by side: workers of a row would wait for the other's core,
 # and each imports torch.
@@ -273,10 +273,10 @@ def run_command(command: Callable[[], None]) -> NoReturn:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     except OSError as error:
-        if error.errno not in UNWRITABLE:
+        if error.errno not in OF_DISKS:
             raise
         where = error.filename or Path.cwd()
-        print(f"error: {where}: should be on a disk that can be written, got: {error.strerror}", file=sys.stderr)
+        print(f"error: {where}: cannot be read or written ({error.strerror})", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
