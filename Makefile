@@ -116,8 +116,8 @@ bench: setup  ## Measure speed and memory: benchmarks/*.py, each prints a table
 
 RELIABILITY = PYTHONPATH=.:tests:tests/helpers $(BIN)/python tests/reliability
 reliability: setup  ## Damage files of every kind, and disturb commands at random moments: some hours, printed last is what failed
-	$(RELIABILITY)/fuzz.py --mutations $(or $(mutations),300) --seed $(or $(seed),0) --keep build/reliability
-	$(RELIABILITY)/interruptions.py --kills $(or $(kills),100) --seed $(or $(seed),0)
+	$(RELIABILITY)/fuzz.py --mutations $(or $(mutations),300) --seed $(or $(seed),0) --keep build/reliability; failed=$$?; \
+		$(RELIABILITY)/interruptions.py --kills $(or $(kills),100) --seed $(or $(seed),0) && exit $$failed
 
 wheel: setup  ## Build dist/talkingeyes-*.whl, with the packaged models and the open head, and its SBOM
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist .

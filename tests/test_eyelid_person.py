@@ -118,7 +118,7 @@ def lines_of(content: dict[str, Any]) -> list[str]:
     [
         (lambda c: c["postures"][2].update(kind="looking"), '"kind": "looking"', "postures.2.kind: Input should be"),
         (lambda c: c["postures"][1]["views"][0].update(camera=7), '"camera": 7', "should be below 3, got 7"),
-        (lambda c: c["cameras"][0].update(focal_px=-1.0), '"focal_px": -1.0', "greater than 0, got -1.0"),
+        (lambda c: c["cameras"][0].update(focal_px=-1.0), '"focal_px": -1.0', "greater than or equal to 1, got -1.0"),
         (lambda c: c.update(schema="other"), '"schema": "other"', "schema: Input should be"),
         (lambda c: c.pop("cameras"), "{", "cameras: Field required"),
         (lambda c: c["postures"][0]["views"][1]["left"].update(uppr=[]), '"uppr": []', "left.uppr: Extra inputs"),

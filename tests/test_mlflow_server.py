@@ -1,4 +1,4 @@
-"""The MLflow server on 127.0.0.1: four processes sweep and log at once; REST and a browser read the runs."""
+"""The MLflow server on 127.0.0.1: eight processes sweep and log at once; REST and a browser read the runs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from talkingeyes.orchestration.mlflow_logging import MethodResult, Report, log_r
 from talkingeyes.orchestration.mlflow_view import TAG, TEST_METRICS, main, page
 from talkingeyes.rendering.video import write_video
 
-PROCESSES, TRIALS = 4, 2
+PROCESSES, TRIALS = 8, 2
 WRITER = """
 import sys
 from pathlib import Path
@@ -78,7 +78,7 @@ class Server:
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory, repository):
-    """A workspace in which four processes have worked on one study, starting without a database."""
+    """A workspace in which eight processes have worked on one study, starting without a database."""
     root = tmp_path_factory.mktemp("recorded")
     apart = {key: value for key, value in os.environ.items() if key not in ("DVC_EXP_NAME", "MLFLOW_TRACKING_URI")}
     command = [sys.executable, "-c", WRITER, str(root), str(TRIALS)]
@@ -125,7 +125,7 @@ def server(root):
 
 
 @pytest.mark.long
-def test_four_processes_lose_nothing(server):
+def test_eight_processes_lose_nothing(server):
     stages = server.post("runs/search", experiment_ids=[server.experiment("stages")["experiment_id"]])["runs"]
     assert sorted(run["info"]["run_name"] for run in stages) == sorted(f"trial {n}" for n in range(PROCESSES * TRIALS))
     studies = [run for run in server.rows() if run["info"]["run_name"] == "alive"]

@@ -217,6 +217,12 @@ def foreign(path: Path) -> None:
     safetensors.numpy.save_file({"a": np.zeros(3, np.float32)}, path)
 
 
+def newer(path: Path) -> None:
+    safetensors.numpy.save_file(
+        {"a": np.zeros(3, np.float32)}, path, {METADATA_KEY: json.dumps({"schema": "talkingeyes.model/2", "new": 1})}
+    )
+
+
 def outside(path: Path) -> None:
     said = {"schema": SCHEMA, "models": ["toy"], "files": {"toy/../../a.json": "{}"}, "encoder": {"kind": "logmel"}}
     safetensors.numpy.save_file(
@@ -254,6 +260,7 @@ def test_an_error_about_the_face_names_the_packed_file(place: Path, tmp_path: Pa
         (lambda path: path.write_bytes(b"RIFF" + bytes(100)), "not a readable folder of the train stage or file"),
         (lambda path: path.write_bytes(b""), "not a readable folder of the train stage or file"),
         (foreign, "should be a model of `talkingeyes pack` (talkingeyes.model/1), got None"),
+        (newer, "should be a model of `talkingeyes pack` (talkingeyes.model/1), got talkingeyes.model/2"),
         (outside, "holds 'toy/../../a.json', which belongs to none of its models"),
         (other_encoder, "made with other weights of the speech encoder moonshine"),
         (Path.unlink, "no trained model here"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,10 @@ def test_packing_again_gives_the_same_corpus(corpus: Corpus, tmp_path: Path) -> 
     (few.root / "clips.parquet").unlink()
     few.write_index(corpus.clips[:6])
     pack_corpus(few, corpus.root / EVALUATORS, path)
+    pack_corpus(few, corpus.root / EVALUATORS, tmp_path / "same.zip")
+    assert path.read_bytes() == (tmp_path / "same.zip").read_bytes()
+    with zipfile.ZipFile(path) as archive:
+        assert {info.date_time for info in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
     again = unpack_corpus(path, tmp_path / "again")
     assert again.clips == corpus.clips[:6]
     files = [{path.relative_to(each.root) for path in each.root.rglob("*.*")} for each in (corpus, again)]

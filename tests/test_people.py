@@ -285,6 +285,16 @@ def test_people_are_read_by_state(table):
     assert split_people(people) == (people, [])
 
 
+def test_people_with_fixations_in_one_state_are_taken(table, corpus, tmp_path):
+    heading, *rows = table.read_text().splitlines()
+    (tmp_path / "one.csv").write_text("\n".join([heading, *(row for row in rows if "SPEAK" in row)]))
+    found = evaluate_people(corpus / "truth", tmp_path / "one.csv", reference=corpus)
+    assert found.content["states"]["listening"]["people"]["auc"] is None
+    (tmp_path / "none.csv").write_text(table.read_text().replace("SPEAK", "DIALOGUE").replace("LISTEN", "DIALOGUE"))
+    with pytest.raises(InputError, match="should hold fixations of people who speak or listen"):
+        read_people(tmp_path / "none.csv")
+
+
 def test_command_shows_the_baselines_first_and_writes_json(corpus, table, tmp_path):
     found = evaluate_people(corpus / "truth", table, tmp_path / "out", reference=corpus, n_resamples=20)
     content = json.loads((tmp_path / "out" / "people.json").read_text())
@@ -361,6 +371,12 @@ def test_mistakes_are_one_line(corpus, table, tmp_path):
         evaluate_people(corpus / "truth", table, reference=corpus, n_resamples=5)
     with pytest.raises(InputError, match="should hold the sounds of the motions, got none of c0-t0"):
         evaluate_people(corpus / "truth", table, sound=tmp_path)
+    heading, row, *rows = table.read_text().splitlines()
+    for place, cell in ((3, "-1"), (5, "1e15"), (5, "-20"), (5, ""), (6, "nan"), (7, "1e308")):
+        cells = [cell if index == place else each for index, each in enumerate(row.split(","))]
+        (tmp_path / "row.csv").write_text("\n".join([heading, ",".join(cells), *rows]))
+        with pytest.raises(InputError, match=r"row\.csv: row 2: a fixation should be on a screen, begin within a day"):
+            read_people(tmp_path / "row.csv")
     (tmp_path / "other.csv").write_text("a,b\n1,2\n")
     with pytest.raises(InputError, match="should have a column"):
         evaluate_people(corpus / "truth", tmp_path / "other.csv", reference=corpus)

@@ -100,14 +100,18 @@ def test_tables_are_read_by_coder_and_where_they_agree(tmp_path: Path) -> None:
         (
             "contact",
             ("p,b,1,0,9000", "p,b,1,0,soon"),
-            r"contact.csv, row 4: end_ms should be a time of at least 0, got s",
+            r"contact.csv, row 4: end_ms should be a time of at least 0, within a day, got s",
         ),
         ("contact", ("p,b,1,0,9000", "p,b,1,99,9"), r"contact.csv, row 4: should end at or after its start 0.099 s"),
         ("contact", ("p,b,1,0,9000", "p,c,1,0,9000"), "contact.csv, row 4: person should be a or b, got c"),
         ("contact", ("p,b,1,0,9000", "q,b,1,0,9000"), "contact.csv, row 4: pair q has no turns in .*turns.csv"),
         ("contact", ("coder", "rater"), "contact.csv: should have a column coder, got pair, person, rater"),
         ("turns", ("4,5,a", "4,2,a"), "turns.csv, row 4: should end at or after its start 4 s, got 2 s"),
-        ("turns", ("4,5,a", "-4,5,a"), "turns.csv, row 4: start_s should be a time of at least 0, got -4"),
+        (
+            "turns",
+            ("4,5,a", "-4,5,a"),
+            "turns.csv, row 4: start_s should be a time of at least 0, within a day",
+        ),
         ("turns", ("4,5,a", "4,5,x"), "turns.csv, row 4: speaker should be a or b, got x"),
     ],
 )

@@ -153,9 +153,11 @@ def test_a_damaged_entry_is_named_and_made_again(toy, capsys, damage):
     assert (entry.output / "x").read_bytes() == content
 
 
-def test_a_copied_entry_is_not_damaged(toy):
+@pytest.mark.parametrize("seconds", [1, 2**32])
+def test_a_copied_entry_is_not_damaged(toy, seconds):
+    """Nor one of a clock that went wrong."""
     entry = toy.run()["train@a"]
-    os.utime(entry.output / "x", (1, 1))
+    os.utime(entry.output / "x", (seconds, seconds))
     toy.made.clear()
     toy.run()
     assert toy.made == []
@@ -204,10 +206,12 @@ Path("data/synthesize/SHA256SUMS").write_text("".join(lines))
 """
 
 
-def test_matching_dvc_output_is_reused(toy):
+@pytest.mark.parametrize("link", ["copy", "symlink", "hardlink"])
+def test_matching_dvc_output_is_reused(toy, link):
     (toy.root / "made.py").write_text(MADE)
     (toy.root / "params.yaml").write_text(yaml.safe_dump(PARAMS))
-    for command in (["init", "--no-scm", "--quiet"], ["repro", "--quiet", "synthesize"]):
+    link_type = ["config", "cache.type", link]
+    for command in (["init", "--no-scm", "--quiet"], link_type, ["repro", "--quiet", "synthesize"]):
         subprocess.run([sys.executable, "-m", "dvc", *command], cwd=toy.root, check=True, capture_output=True)
     entry = toy.run(target="train@a")["synthesize"]
     assert (entry.origin, toy.made) == ("dvc", ["train@a"])

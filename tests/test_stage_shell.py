@@ -1,5 +1,8 @@
 """The stage shell: errors, exit status, complete outputs."""
 
+import errno
+import os
+import signal
 import subprocess
 import sys
 
@@ -20,7 +23,15 @@ def fails(error):
 
 @pytest.mark.parametrize(
     ("error", "status", "line"),
-    [(InputError("fit.steps: wrong"), 2, "error: fit.steps: wrong\n"), (KeyboardInterrupt(), 130, "interrupted\n")],
+    [
+        (InputError("fit.steps: wrong"), 2, "error: fit.steps: wrong\n"),
+        (
+            OSError(errno.ENOSPC, "No space left on device", "data/x"),
+            2,
+            "error: data/x: cannot be read or written (No space left on device)\n",
+        ),
+        (KeyboardInterrupt(), 130, "interrupted\n"),
+    ],
 )
 def test_user_error_is_one_line(error, status, line, capsys):
     with pytest.raises(SystemExit) as stop:
@@ -29,9 +40,10 @@ def test_user_error_is_one_line(error, status, line, capsys):
     assert capsys.readouterr().err == line
 
 
-def test_other_errors_keep_their_trace():
-    with pytest.raises(ZeroDivisionError):
-        run_command(fails(ZeroDivisionError()))
+@pytest.mark.parametrize("error", [ZeroDivisionError(), OSError(errno.EBADF, "Bad file descriptor")])
+def test_other_errors_keep_their_trace(error):
+    with pytest.raises(type(error)):
+        run_command(fails(error))
 
 
 def test_only_the_report_of_a_release_reads_a_sealed_corpus(tmp_path):
@@ -85,6 +97,16 @@ def test_output_is_atomic(tmp_path):
     assert workspace.data("fit", "a").read_text() == "old"
 
 
+def test_an_output_has_one_writer(tmp_path):
+    workspace = Workspace(tmp_path, {})
+    with workspace.output("train") as folder:
+        (folder / "x").write_text("1")
+        with pytest.raises(InputError, match="another process is writing this output"), workspace.output("train"):
+            pass
+    assert (tmp_path / "data/train/x").read_text() == "1"
+    assert [path.name for path in (tmp_path / "data").iterdir()] == ["train"]
+
+
 def test_an_output_lists_its_files_as_sha256sum_does(tmp_path):
     workspace = Workspace(tmp_path, {})
     with workspace.output("fit") as folder:
@@ -105,3 +127,21 @@ def test_each_keeps_order_whatever_the_number_of_jobs():
     assert list(run.parallel_map(square, range(20), 2, "square")) == list(
         run.parallel_map(square, range(20), 1, "square")
     )
+
+
+def dies(number):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_killed_worker_is_one_line():
+    with pytest.raises(InputError, match="squares: a process was killed"):
+        list(run.parallel_map(dies, range(4), 2, "squares"))
+
+
+def test_ctrl_c_while_a_stage_is_imported_is_one_line(repository, tmp_path):
+    """Its module interrupts instead of importing torch."""
+    (tmp_path / "torch.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(repository)])}
+    command = [sys.executable, "-m", "pipelines.pretrain", "codes"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")

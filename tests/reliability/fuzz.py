@@ -11,6 +11,7 @@ import contextlib
 import io
 import multiprocessing
 import os
+import re
 import resource
 import shutil
 import signal
@@ -35,6 +36,7 @@ ADDRESSES = 16 * 2**30  # bytes: a case that asks for more ends before the machi
 WAIT_S = 90  # for a case, on a busy machine
 CASES = Path("../shared/data/cases")  # files of other programs, where there are some
 FORBIDDEN = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "socket.connect", "os.fork")
+PROGRESS = re.compile(r"\d%\||it/s\]|s/it\]")  # bars of tqdm
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 
 
@@ -84,11 +86,7 @@ def judge(target: Target, place: Path, watch: Watch, good: bool = False) -> str 
         signal.setitimer(signal.ITIMER_PROF, 0)
         watch.on = False
     written = [path for path in place.iterdir() if path.name.startswith(("out", ".out", "canary"))]
-    lines = [
-        line
-        for line in said.getvalue().replace("\r", "\n").splitlines()
-        if line.strip() and "it/s]" not in line and "|" not in line
-    ]
+    lines = [line for line in re.split(r"[\r\n]", said.getvalue()) if line.strip() and not PROGRESS.search(line)]
     if fault is None and status not in (0, 2):
         fault = f"status {status}: {lines[-1][:120] if lines else ''}"
     elif fault is None and status == 2:
@@ -214,9 +212,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
         wanted = [each for each in targets([path.name for path in cases]) if given.only in each.name]
         tasks = (delayed(fuzz)(each, good, given.mutations, given.seed, given.keep) for each in wanted)
         found = Parallel(n_jobs=given.jobs, return_as="generator")(tasks)
-        failed = sum(report(wanted, tqdm(found, total=len(wanted), disable=None), given.mutations))
-    print(f"{len(wanted) * given.mutations} tried, {failed} failed")
-    sys.exit(1 if failed else 0)
+        failed = list(report(wanted, tqdm(found, total=len(wanted), disable=None), given.mutations))
+    tried, faults = Counter[str](), Counter[str]()
+    for target, number in zip(wanted, failed, strict=True):
+        kind = f"{target.name.split()[0]}, {target.form}"
+        tried[kind] += given.mutations
+        faults[kind] += number
+    print("\nby command and form of its file")
+    for kind, count in tried.items():
+        print(f"{kind:32} {count} tried, {faults[kind]} failed")
+    total, failures = tried.total(), faults.total()
+    print(f"{total} tried, {failures} failed ({failures / max(total, 1):.2%}), seed {given.seed}")
+    sys.exit(1 if failures else 0)
 
 
 def report(wanted: Sequence[Target], found: Iterator[dict[int, str]], tried: int) -> Iterator[int]:

@@ -137,7 +137,7 @@ def targets(cases: Iterable[str] = ()) -> list[Target]:
         *_of(
             "timing",
             ("contact.csv", "turns.csv"),
-            "evaluate spoken --sound spoken --people contact.csv --turns turns.csv -o out --n-resamples 20",
+            "evaluate talks --sound talks --people contact.csv --turns turns.csv -o out --n-resamples 20",
         ),
         *_of("study", ("study/study.json", "study/answers.sqlite"), "study results study"),
         *_of("design", ("design.yaml",), "study make {file} -o out --corpus corpus --allow-fewer --size 16"),
@@ -286,11 +286,18 @@ def _write_tables(folder: Path) -> None:
     people_csv(folder / "people.csv", 3)
     (folder / "contact.csv").write_text(
         "pair,person,coder,start_ms,end_ms\np,a,1,0,2000\np,a,1,3000,8000\np,b,1,0,9000\np,a,2,0,2600\np,b,2,1000,9000\n"
+        "q,a,1,500,4000\nq,b,1,0,6000\nq,a,2,500,4000\nq,b,2,0,6000\n"
     )
-    (folder / "turns.csv").write_text("pair,start_s,end_s,speaker\np,0,4,a\np,4,5,a\np,5,9,b\n")
-    (folder / "spoken").mkdir()
+    (folder / "turns.csv").write_text("pair,start_s,end_s,speaker\np,0,4,a\np,4,5,a\np,5,9,b\nq,0,3,b\nq,3,7,a\n")
+    for name in ("spoken", "talks"):
+        (folder / name).mkdir()
     toy_motions.motion(seconds=12.0).save(folder / "spoken" / "a.npz")
     sound_file(folder / "spoken" / "a.wav", 12.0)
+    sound, rate = soundfile.read(folder / "spoken" / "a.wav")
+    own = np.arange(len(sound)) < 6 * rate  # who speaks first; then the partner
+    for name in ("a", "b"):  # intervals are over two persons or more
+        toy_motions.motion(seconds=12.0).save(folder / "talks" / f"{name}.npz")
+        soundfile.write(folder / "talks" / f"{name}.wav", np.stack([sound * own, sound * ~own], axis=1), rate)
 
 
 def _write_corpus(folder: Path) -> None:

@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,8 +37,11 @@ from talkingeyes.orchestration.config import write_params
 TIME_S = 600
 WHOLE = ("earlier output", "an existing one")  # what a command says whose output was whole when it was killed
 PROGRAM = [sys.executable, "-c", "from talkingeyes.cli.main import main; main()"]
-OTHERS = ("mlflow.db", "mlruns", "mlartifacts", "tmp", ".dvc/tmp")  # records of runs, which hold times
-TELLS_WHAT_WAS_KEPT = "summary."
+RECORDS = ("mlflow.db", "mlartifacts", ".dvc/tmp", ".dvc/cache/runs", "multirun")  # of runs, which hold times
+TELLS_TIMES = ("summary.", "provenance.json", "__pycache__", ".dvc/cache/files")  # or hold the same bytes again
+REPOSITORY = Path(__file__).resolve().parents[2]
+EXPERIMENT = [sys.executable, "-m", "pipelines.experiment"]
+TINY = ["experiment=tiny", "result_store=store", "workspace=w"]
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,17 @@ def _corpus(good: Path, place: Path) -> None:
     write_params(place / "params.yaml", compose(["experiment=tiny", "machine.jobs=2", "synthesize.clips=12"]))
 
 
+def _nothing(good: Path, place: Path) -> None:
+    """Nothing is needed."""
+
+
+def _repository(good: Path, place: Path) -> None:
+    write_params(place / "params.yaml", compose(["experiment=tiny", "synthesize.clips=12"]))
+    for name in ("src", "pipelines", "dvc.yaml"):
+        (shutil.copytree if (REPOSITORY / name).is_dir() else shutil.copy)(REPOSITORY / name, place / name)
+    subprocess.run([sys.executable, "-m", "dvc", "init", "--no-scm", "-q"], cwd=place, check=True)
+
+
 def operations() -> list[Operation]:
     """What is killed."""
     animate = [*PROGRAM, "animate", "--model", "model", "--samples", "2", "-o", "out"]
@@ -117,6 +132,21 @@ def operations() -> list[Operation]:
         Operation("pretrain", command("pretrain", "codes"), ("data/pretrain/codes",), _training),
         Operation("critic", command("critic"), ("data/critic",), _training),
         Operation("synthesize", [sys.executable, "-m", "pipelines.synthesize"], ("data/synthesize",), _corpus),
+        Operation(
+            "dvc repro",
+            [sys.executable, "-m", "dvc", "repro", "-q", "embed", "fit"],
+            ("data",),
+            _repository,
+            resumes=True,
+        ),
+        Operation(
+            "sweep of two processes",
+            [*EXPERIMENT, "-m", *TINY, "machine.jobs=2", "target=train@vae", "train.seed=0,1"],
+            ("store",),
+            _nothing,
+            resumes=True,
+        ),
+        Operation("tiny chain", [*EXPERIMENT, *TINY], ("store", "w/data"), _nothing, resumes=True),
     ]
 
 
@@ -125,7 +155,8 @@ def tree(place: Path) -> dict[str, str]:
     found = {}
     for path in sorted(place.rglob("*")):
         name = path.relative_to(place).as_posix()
-        if path.is_file() and TELLS_WHAT_WAS_KEPT not in name and not any(name.startswith(other) for other in OTHERS):
+        told = name.startswith(RECORDS) or any(part in name for part in TELLS_TIMES) or "/mlflow.db" in name
+        if path.is_file() and not told:
             found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
     return found
 
@@ -144,7 +175,7 @@ class Disturbance:
 
 DISTURBANCES = (
     Disturbance("killed", (-signal.SIGKILL,), signal=signal.SIGKILL),
-    Disturbance("Ctrl-C", (130,), signal=signal.SIGINT),
+    Disturbance("Ctrl-C", (130, -signal.SIGINT), signal=signal.SIGINT),  # a shell calls both 130
     Disturbance("dead worker", (2,), worker_dies=True),
     Disturbance("full disk", (2,), file_bytes=60_000),
     Disturbance("no home", (), homeless=True),
@@ -236,7 +267,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--only", default="", help="operations whose name contains this")
     given = parser.parse_args(arguments)
     os.environ["PYTHONPATH"] = os.pathsep.join(os.path.abspath(path) for path in sys.path if path)
-    tried = failed = 0
+    tried, failed = Counter[str](), Counter[str]()
     with tempfile.TemporaryDirectory(prefix="talkingeyes-interruptions-") as folder:
         root = Path(folder)
         write_good_files(root / "good")
@@ -261,9 +292,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
                         faults.append(f"        at {share:.2f}: {fault}")
                     shutil.rmtree(place)
                 print(f"    {how.name:12} {count} tried, {len(faults)} failed", *faults[:5], sep="\n", flush=True)
-                tried, failed = tried + count, failed + len(faults)
-    print(f"{tried} tried, {failed} failed")
-    sys.exit(1 if failed else 0)
+                tried[how.name] += count
+                failed[how.name] += len(faults)
+    print("\nby disturbance")
+    for name, count in tried.items():
+        print(f"{name:12} {count} tried, {failed[name]} failed")
+    print(f"{tried.total()} tried, {failed.total()} failed, seed {given.seed}")
+    sys.exit(1 if failed.total() else 0)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from __future__ import annotations
 import gzip
 import io
 import json
+import os
 import pickle
 import re
 import struct
@@ -31,7 +32,7 @@ from talkingeyes.apps.service.animation_request import Limits
 from talkingeyes.apps.service.app import ServiceResources, service_app
 from talkingeyes.apps.service.worker_pool import WorkerPool
 from talkingeyes.apps.study.design import load_design
-from talkingeyes.core.containers import MAX_ARRAY_BYTES, MAX_COLUMNS, MAX_DIRECTORY_BYTES, MIB
+from talkingeyes.core.containers import MAX_ARRAY_BYTES, MAX_COLUMNS, MAX_DIRECTORY_BYTES, MIB, parse_json
 from talkingeyes.core.errors import MAX_LETTERS, InputError
 from talkingeyes.core.motion import Events, Motion
 from talkingeyes.core.npz import save_npz
@@ -40,7 +41,7 @@ from talkingeyes.corpus.motion_files import read_motions
 from talkingeyes.corpus.motion_loading import load_motions
 from talkingeyes.corpus.samples import FaceSamples, Samples
 from talkingeyes.formats import csv_text
-from talkingeyes.formats.readers import gltf_document
+from talkingeyes.formats.readers import gltf_document, usd
 from talkingeyes.formats.readers.key_map import ArrayMapping, KeyMap, load_key_map, read_with_map
 from talkingeyes.formats.readers.read_motion import read_motion
 from talkingeyes.formats.readers.torch_file import read_torch
@@ -234,6 +235,14 @@ def test_deep_json_is_refused(tmp_path: Path, text: str) -> None:
         refused(lambda reader=reader: reader(path), "should be nested at most 64 deep")
 
 
+def test_integers_that_no_array_holds_are_refused(tmp_path: Path) -> None:
+    assert parse_json(f"[{2**64 - 1}, {-(2**63)}]") == [2**64 - 1, -(2**63)]
+    for number in (10**400, 2**64, -(10**30)):
+        (tmp_path / "a.json").write_text(json.dumps({"schema": number}))
+        for reader in (Events.load, read_motion):
+            refused(lambda reader=reader: reader(tmp_path / "a.json"), "integers should have 64 bits, got")
+
+
 def test_deep_json_of_a_client_is_no_request() -> None:
     with pytest.raises(live_stream.StreamRefusedError, match="should be a request"):
         live_stream._stream_request(live_stream._content({"text": DEEP_JSON}))
@@ -318,6 +327,19 @@ def test_animations_of_scenes_are_bounded(tmp_path: Path, monkeypatch: pytest.Mo
     struct.pack_into("<f", content, 28 + length + at + 4 * (accessor["count"] - 1), 1e7)
     good.write_bytes(content)
     refused(lambda: read_motion(good, 100.0), "should have at most 1,000,000 frames")
+
+
+def ends(path: Path) -> None:
+    os._exit(1)
+
+
+def test_a_stage_cannot_end_or_fill_the_process_that_reads_it(tmp_path: Path) -> None:
+    pytest.importorskip("pxr")
+    refused(lambda: usd._apart(tmp_path / "a.usdc", ends), "a.usdc: not a readable USD stage")
+    with pytest.raises(MemoryError):
+        usd._apart(tmp_path / "a.usdc", lambda path: len(bytearray(usd.MAX_ADDRESSES)))
+    (tmp_path / "b.usda").write_text('#usda 1.0\n(\n    customLayerData = { string forward_axis = "visual" }\n)\n')
+    assert usd.read_layer_data(tmp_path / "b.usda") == {"forward_axis": "visual"}
 
 
 def test_views_of_a_torch_file_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,13 +20,13 @@ import contextlib
 import hashlib
 import os
 import re
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from talkingeyes.audio.encoder_transformers import LOCAL_FILES_ONLY
+from talkingeyes.core.atomic_file import temporary_folder
 from talkingeyes.core.containers import parse_json, reading
 from talkingeyes.core.errors import InputError
 
@@ -115,18 +115,18 @@ def open_model(model: Path) -> Iterator[Path]:
             f"{model}: no trained model here; run `make repro` first, or name a folder of the train stage or one of "
             f"{', '.join(PACKAGED_MODELS)}"
         )
-    with tempfile.TemporaryDirectory(prefix="talkingeyes-") as place:
+    with temporary_folder() as place:
         with reading(model, PACKED):
             packed = read_packed_metadata(model)
             _check_content(model, packed)
             _check_encoder(model, packed.encoder)
-            first = _unpack(model, packed, Path(place))
+            first = _unpack(model, packed, place)
         offline = LOCAL_FILES_ONLY.set(True)
         try:
             yield first
         except InputError as error:
             said = str(error).replace(str(first), str(model))
-            raise InputError(said.replace(place, str(model))) from None  # of a model beside the first
+            raise InputError(said.replace(str(place), str(model))) from None  # of a model beside the first
         finally:
             LOCAL_FILES_ONLY.reset(offline)
 
@@ -149,7 +149,7 @@ def read_packed_metadata(path: Path) -> PackedMetadata:
 
 def _unpack(path: Path, packed: PackedMetadata, place: Path) -> Path:
     """Write the folders of a packed model; returns the first."""
-    from safetensors.numpy import load_file, save_file
+    from safetensors.numpy import load_file, save
 
     tensors: dict[str, dict[str, Any]] = {}
     for key, tensor in load_file(path).items():
@@ -163,7 +163,7 @@ def _unpack(path: Path, packed: PackedMetadata, place: Path) -> Path:
     for name, text in packed.files.items():
         (place / name).write_text(text)
     for name, content in tensors.items():
-        save_file(content, place / name)
+        (place / name).write_bytes(save(content))
     return place / packed.models[0]
 
 

@@ -6,6 +6,7 @@ import contextlib
 import glob
 import os
 import shutil
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,12 +15,26 @@ from talkingeyes.core.errors import InputError
 
 def partial_path(path: Path) -> Path:
     """A hidden name beside `path` for this process. What killed processes have left under such names is removed."""
-    if path.parent.is_dir():
-        for left in path.parent.glob(f".{glob.escape(path.name)}.*.partial"):
-            maker = left.name.rsplit(".", 2)[1]
-            if maker.isdigit() and not _runs(int(maker)):
-                left.unlink() if left.is_file() else shutil.rmtree(left, ignore_errors=True)
+    _remove_left(path.parent, f".{glob.escape(path.name)}.*.partial")
     return path.with_name(f".{path.name}.{os.getpid()}.partial")
+
+
+@contextlib.contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """A folder that is removed at the end; those that killed processes have left are removed, too."""
+    place = Path(tempfile.gettempdir())
+    _remove_left(place, ".talkingeyes-*.partial")
+    suffix = f".{os.getpid()}.partial"
+    with tempfile.TemporaryDirectory(suffix, ".talkingeyes-", place, ignore_cleanup_errors=True) as folder:
+        yield Path(folder)
+
+
+def _remove_left(folder: Path, pattern: str) -> None:
+    for left in folder.glob(pattern):
+        maker = left.name.rsplit(".", 2)[1]
+        if maker.isdigit() and not _runs(int(maker)):
+            with contextlib.suppress(OSError):  # another process removes it, or it belongs to another user
+                left.unlink() if left.is_file() else shutil.rmtree(left, ignore_errors=True)
 
 
 def _runs(process: int) -> bool:

@@ -34,6 +34,7 @@ MAX_TEXT_BYTES = 64 * MIB  # of JSON and other text; parsed JSON needs up to 25 
 MAX_YAML_BYTES = MIB
 MAX_ROWS, MAX_COLUMNS = 1_000_000, 10_000  # of a parquet, of a CSV
 MAX_DEPTH = 64  # of JSON and YAML
+MAX_DIGITS = 20  # of an integer in JSON, with its sign
 MAX_YAML_NODES = 100_000  # with aliases expanded
 MAX_DIRECTORY_BYTES = 4 * MIB  # of a zip: some 50,000 members
 MAX_HEADER_BYTES = 10_000  # of an npy
@@ -76,10 +77,10 @@ def read_json(path: Path, what: str) -> Any:
 
 
 def parse_json(content: str | bytes) -> Any:
-    """The value of a JSON text. Raises ValueError, also if it is too large or nested too deeply."""
+    """The value of a JSON text. Raises ValueError, also if it is too large, nested too deeply or has huge integers."""
     _check_size(len(content), MAX_TEXT_BYTES)
     try:
-        value = json.loads(content)
+        value = json.loads(content, parse_int=_integer)
     except RecursionError:
         raise ValueError(f"should be nested at most {MAX_DEPTH} deep") from None
     level = [value]
@@ -94,6 +95,14 @@ def parse_json(content: str | bytes) -> Any:
         if not level:
             return value
     raise ValueError(f"should be nested at most {MAX_DEPTH} deep")
+
+
+def _integer(digits: str) -> int:
+    """An integer of JSON: times in nanoseconds and hashes have 64 bits, and of more no array could be made."""
+    number = int(digits) if len(digits) <= MAX_DIGITS else 2**64
+    if not -(2**63) <= number < 2**64:
+        raise ValueError(f"integers should have 64 bits, got {len(digits)} digits")
+    return number
 
 
 def read_yaml(path: Path, what: str) -> Any:

@@ -26,6 +26,7 @@ CONVENTIONS = {
     "rotations": "rotation vectors",
     "eye_order": "left,right (the subject's)",
 }
+MAX_VALUE = 1e6  # of radians, metres and weights: files hold float32
 ARRAY_FIELDS = ("head", "translation", "gaze", "lid", "jaw", "expression", "valid")
 
 
@@ -71,6 +72,8 @@ class Motion:
                 raise InputError(
                     f"motion: {name} should be finite, got NaN or infinite values; mark such frames as not valid"
                 )
+            if name != "valid" and (largest := np.abs(array).max(initial=0)) > MAX_VALUE:
+                raise InputError(f"motion: {name} should be at most {MAX_VALUE:g}, got {largest:.3g}")
         if not self.fps > 0:
             raise InputError(f"motion: fps should be above 0, got {self.fps}")
 

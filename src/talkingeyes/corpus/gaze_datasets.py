@@ -27,6 +27,8 @@ from talkingeyes.core.errors import InputError
 FIXATION, SACCADE, OSCILLATION, PURSUIT, BLINK, UNDEFINED = range(1, 7)  # labels of Andersson et al.
 BLINK_MARGIN_S = 0.05  # lids cover part of the pupil before and after the tracker loses it
 MIN_CONFIDENCE = 0.8  # of OpenFace, for a frame to be valid
+MAX_RECORDING_S = 86_400.0  # what a table of times holds beyond is no recording
+MAX_FIXATION_S, MAX_PX = 600.0, 1e5
 MAX_SHIFT_S = 0.2  # longest gap between successive fixations; longer gaps may hide other events
 # The screen of the conversations: 2250 pixels on 63.735 cm, at a distance of 67.5 cm.
 CONVERSATION_CM_PER_PX, CONVERSATION_CM, CONVERSATION_RATE_HZ = 63.735 / 2250, 67.5, 90.0
@@ -121,12 +123,22 @@ def read_conversation(path: Path) -> ConversationFixations:
     for name in ("participant", "state"):
         _check_column(table, path, name)
     x_px, y_px = (_column(table, path, f"center_{axis}_px") for axis in "xy")
+    onset_s = _column(table, path, "start_sample") / CONVERSATION_RATE_HZ
+    duration_s = _column(table, path, "duration_ms") / 1000
+    possible = (onset_s >= 0) & (onset_s < MAX_RECORDING_S) & (duration_s > 0) & (duration_s < MAX_FIXATION_S)
+    possible &= np.maximum(np.abs(x_px), np.abs(y_px)) < MAX_PX
+    if not possible.all():
+        row = int(np.argmin(possible))
+        raise InputError(
+            f"{path}: row {row + 2}: a fixation should be on a screen, begin within a day and last at most"
+            f" {MAX_FIXATION_S:g} s, got {x_px[row]:g}, {y_px[row]:g} px, {onset_s[row]:g} s, {duration_s[row]:g} s"
+        )
     right_cm, down_cm = x_px * CONVERSATION_CM_PER_PX, y_px * CONVERSATION_CM_PER_PX
     return ConversationFixations(
         person=tuple(str(each) for each in table["participant"].to_pylist()),
         state=tuple(str(each) for each in table["state"].to_pylist()),
-        onset_s=_column(table, path, "start_sample") / CONVERSATION_RATE_HZ,
-        duration_s=_column(table, path, "duration_ms") / 1000,
+        onset_s=onset_s,
+        duration_s=duration_s,
         centre_rad=_angles_rad(-(right_cm - np.median(right_cm)), -(down_cm - np.median(down_cm)), CONVERSATION_CM),
     )
 

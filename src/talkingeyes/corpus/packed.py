@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import re
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -30,23 +31,28 @@ CORPUS_FILES = re.compile(rf"clips\.parquet|speech|partner|annotations|truth|{EV
 
 
 def pack_corpus(corpus: Corpus, evaluators: Path, path: Path) -> None:
-    """Write a corpus with truth as one file. `evaluators` has the folders `critic` and `embed` of a pipeline."""
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.write(corpus.root / "clips.parquet", "clips.parquet")
-        for clip in _first_takes(corpus):
-            archive.write(
-                shard_path(corpus.root / "annotations", clip.sound, ".json"), f"annotations/{clip.sound}.json"
-            )
-            archive.writestr(f"speech/{clip.sound}.ogg", _encoded(corpus.speech(clip)))
-            if (partner := corpus.partner(clip)) is not None:
-                archive.writestr(f"partner/{clip.sound}.ogg", _encoded(partner))
-        for clip in corpus.clips:
-            motion, content = corpus.truth(clip), io.BytesIO()
-            arrays = {name: (np.round(getattr(motion, name) / STEP) * STEP).astype(np.float32) for name in FIELDS}
-            np.savez(content, fps=motion.fps, valid=motion.valid, **arrays)
-            archive.writestr(f"truth/{clip.id}.npz", content.getvalue())
-        for each in sorted(path for path in evaluators.rglob("*") if path.is_file()):
-            archive.write(each, f"{EVALUATORS}/{each.relative_to(evaluators)}")
+    """Write a corpus with truth as one file, in the same bytes at any time. `evaluators` has the folders `critic` and
+    `embed` of a pipeline."""
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in _members(corpus, evaluators):
+            archive.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED)  # dated 1980
+
+
+def _members(corpus: Corpus, evaluators: Path) -> Iterator[tuple[str, bytes]]:
+    yield "clips.parquet", (corpus.root / "clips.parquet").read_bytes()
+    for clip in _first_takes(corpus):
+        annotation = shard_path(corpus.root / "annotations", clip.sound, ".json")
+        yield f"annotations/{clip.sound}.json", annotation.read_bytes()
+        yield f"speech/{clip.sound}.ogg", _encoded(corpus.speech(clip))
+        if (partner := corpus.partner(clip)) is not None:
+            yield f"partner/{clip.sound}.ogg", _encoded(partner)
+    for clip in corpus.clips:
+        motion, content = corpus.truth(clip), io.BytesIO()
+        arrays = {name: (np.round(getattr(motion, name) / STEP) * STEP).astype(np.float32) for name in FIELDS}
+        np.savez(content, fps=motion.fps, valid=motion.valid, **arrays)
+        yield f"truth/{clip.id}.npz", content.getvalue()
+    for each in sorted(path for path in evaluators.rglob("*") if path.is_file()):
+        yield f"{EVALUATORS}/{each.relative_to(evaluators)}", each.read_bytes()
 
 
 def unpack_corpus(path: Path, folder: Path) -> Corpus:
@@ -78,7 +84,32 @@ def _first_takes(corpus: Corpus) -> list[Clip]:
 def _encoded(sound: Float[ndarray, " N"]) -> bytes:
     content = io.BytesIO()
     soundfile.write(content, sound, SAMPLE_RATE, format="OGG", subtype="OPUS")
-    return content.getvalue()
+    return _with_serial_number_0(content.getvalue())
+
+
+def _with_serial_number_0(ogg: bytes) -> bytes:
+    """An Ogg stream, to which libsndfile gives a random serial number (pages and their checksums: RFC 3533)."""
+    content, start = bytearray(ogg), 0
+    while start < len(content):
+        segments = content[start + 26]
+        stop = start + 27 + segments + sum(content[start + 27 : start + 27 + segments])
+        content[start + 14 : start + 18] = content[start + 22 : start + 26] = bytes(4)
+        checksum = 0
+        for byte in content[start:stop]:
+            checksum = (checksum << 8 & 0xFFFFFFFF) ^ OGG_CHECKSUMS[checksum >> 24 ^ byte]
+        content[start + 22 : start + 26] = checksum.to_bytes(4, "little")
+        start = stop
+    return bytes(content)
+
+
+def _ogg_checksum(byte: int) -> int:
+    checksum = byte << 24
+    for _ in range(8):
+        checksum = (checksum << 1 & 0xFFFFFFFF) ^ (0x04C11DB7 if checksum >> 31 else 0)
+    return checksum
+
+
+OGG_CHECKSUMS = tuple(map(_ogg_checksum, range(256)))
 
 
 def _decoded(content: bytes) -> Float[ndarray, " N"]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -105,10 +106,8 @@ class Corpus:
     ) -> None:
         """Write speech and annotation of a sound, which several takes may share, and the partner's channel if any."""
         if partner is not None:
-            path = make_shard_path(self.root / "partner", sound, ".flac")
-            soundfile.write(path, partner, SAMPLE_RATE, subtype="PCM_16")
-        path = make_shard_path(self.root / "speech", sound, ".flac")
-        soundfile.write(path, samples, SAMPLE_RATE, subtype="PCM_16")
+            _write_flac(make_shard_path(self.root / "partner", sound, ".flac"), partner)
+        _write_flac(make_shard_path(self.root / "speech", sound, ".flac"), samples)
         annotation.save(make_shard_path(self.root / "annotations", sound, ".json"))
 
     def write_clip(self, clip_id: str, observation: Observation, truth: Motion | None, events: Events | None) -> None:
@@ -122,3 +121,9 @@ class Corpus:
     def write_index(self, clips: list[Clip]) -> None:
         """Write clips.parquet."""
         write_index(self.root / "clips.parquet", clips)
+
+
+def _write_flac(path: Path, samples: Float[ndarray, " N"]) -> None:
+    file = io.BytesIO()  # libsndfile does not say why it cannot write
+    soundfile.write(file, samples, SAMPLE_RATE, format="FLAC", subtype="PCM_16")
+    path.write_bytes(file.getbuffer())

@@ -13,19 +13,21 @@ from typing import Annotated
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from pydantic import Field, FiniteFloat
+from pydantic import Field
 
 from talkingeyes.core.rotation import rotvec_to_matrix
 from talkingeyes.core.settings import Settings
 
-Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-Point = tuple[FiniteFloat, FiniteFloat]
+# Bounds far beyond any camera: numbers near the largest that there are cannot be squared.
+Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
+Point = tuple[Coordinate, Coordinate]
 
 
 class CalibratedCamera(Settings):
     """Focal length and principal point in pixels; rotation vector (radians) and translation (metres) of the scene."""
 
-    focal_px: Annotated[FiniteFloat, Field(gt=0)]
+    focal_px: Annotated[float, Field(ge=1, le=1e6)]
     centre_px: Point
     rotation: Vector
     translation_m: Vector

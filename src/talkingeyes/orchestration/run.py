@@ -5,11 +5,14 @@ A stage in pipelines/ is a function `(workspace[, name]) -> Report`; `main` turn
 
 from __future__ import annotations
 
+import atexit
+import errno
 import hashlib
 import importlib
 import inspect
 import os
 import shutil
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -44,6 +47,7 @@ __all__ = [
 
 Stage = Callable[..., Report]
 
+OF_DISKS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM)
 CHECKSUMS_FILE = "SHA256SUMS"
 # `make repro` sets it to 1 where two rows of stages run side by side: workers of a row would wait for the other's core,
 # and each imports torch.
@@ -141,20 +145,38 @@ class Workspace:
         final = self.data(*parts)
         partial = final.with_name(f".{final.name}.partial")
         mark = partial / "FINGERPRINT"
-        if fingerprint is None or not mark.is_file() or mark.read_text() != fingerprint:
-            shutil.rmtree(partial, ignore_errors=True)
-            partial.mkdir(parents=True)
-            if fingerprint is not None:
-                mark.write_text(fingerprint)
+        partial.mkdir(parents=True, exist_ok=True)
+        with _only_writer(partial):
+            if fingerprint is None or not mark.is_file() or mark.read_text() != fingerprint:
+                for left in partial.iterdir():
+                    shutil.rmtree(left) if left.is_dir() else left.unlink()
+                if fingerprint is not None:
+                    mark.write_text(fingerprint)
+            try:
+                yield partial
+                mark.unlink(missing_ok=True)
+                (partial / CHECKSUMS_FILE).write_text(checksums(partial))
+            except BaseException:
+                if fingerprint is None:
+                    shutil.rmtree(partial, ignore_errors=True)
+                raise
+            replace_folder(final, partial)
+
+
+@contextmanager
+def _only_writer(folder: Path) -> Iterator[None]:
+    """Lock a folder itself, so that no lock file stays. Raises InputError if another process holds it."""
+    import fcntl  # stages need Linux, other commands do not
+
+    handle = os.open(folder, os.O_RDONLY)
+    try:
         try:
-            yield partial
-            mark.unlink(missing_ok=True)
-            (partial / CHECKSUMS_FILE).write_text(checksums(partial))
-        except BaseException:
-            if fingerprint is None:
-                shutil.rmtree(partial, ignore_errors=True)
-            raise
-        replace_folder(final, partial)
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"{folder}: another process is writing this output; wait for its end") from None
+        yield
+    finally:
+        os.close(handle)
 
 
 def code_digest(rooms: Iterable[str]) -> str:
@@ -180,6 +202,8 @@ def parallel_map(function: Callable[[A], B], items: Iterable[A], jobs: int, titl
     processed sequentially: the cores are already in use, and the threads that joblib would start there share torch's
     seed.
     """
+    from concurrent.futures.process import BrokenProcessPool
+
     import joblib
     from joblib.parallel import get_active_backend
 
@@ -191,7 +215,10 @@ def parallel_map(function: Callable[[A], B], items: Iterable[A], jobs: int, titl
         return_as="generator" if backend.supports_return_generator else "list",
         pre_dispatch="4*n_jobs",
     )(tasks)
-    yield from progress_bar(results, title, len(items))
+    try:
+        yield from progress_bar(results, title, len(items))
+    except BrokenProcessPool:
+        raise InputError(f"{title}: a process was killed, perhaps for want of memory") from None
 
 
 @contextmanager
@@ -235,13 +262,21 @@ def configure_environment() -> None:
 
 
 def run_command(command: Callable[[], None]) -> NoReturn:
-    """Run a command and exit: status 2 and one line on stderr for an InputError, 130 when interrupted."""
+    """Run a command and exit: status 2 and one line for an InputError or a full disk, 130 when interrupted."""
     configure_environment()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)  # what is written is whole, and the status is 0
     command = _by_module_name(command)
     try:
         command()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except OSError as error:
+        if error.errno not in OF_DISKS:
+            raise
+        where = error.filename or Path.cwd()
+        print(f"error: {where}: cannot be read or written ({error.strerror})", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

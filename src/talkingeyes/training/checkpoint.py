@@ -37,7 +37,7 @@ def save(
 ) -> None:
     """Write the three files into an existing folder."""
     contiguous = {name: tensor.detach().cpu().contiguous().clone() for name, tensor in tensors.items()}
-    safetensors.torch.save_file(contiguous, folder / "model.safetensors")
+    (folder / "model.safetensors").write_bytes(safetensors.torch.save(contiguous))
     (folder / "config.json").write_text(json.dumps(config, indent=1, sort_keys=True))
     (folder / "history.json").write_text(json.dumps(list(history), indent=1))
 

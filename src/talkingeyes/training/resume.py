@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import io
 import json
 import math
 import pickle
@@ -115,8 +116,10 @@ class ResumeFile:
             "noise_cuda": torch.cuda.get_rng_state_all() if torch.cuda.is_initialized() else [],
         }
         self.path.parent.mkdir(parents=True, exist_ok=True)
+        file = io.BytesIO()  # torch tells no full disk from a damaged file
+        torch.save(content, file)
         with atomic_write(self.path) as partial:
-            torch.save(content, partial)
+            partial.write_bytes(file.getbuffer())
 
     def remove(self) -> None:
         """Remove the file at the end of the stage."""

@@ -8,7 +8,6 @@ for streams.
 from __future__ import annotations
 
 import signal
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL, find_model
 from talkingeyes.apps.service.animation_request import AnimationRequest, EyesRequest, Limits
 from talkingeyes.apps.viewer.local_server import LOCALHOST, serve
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
+from talkingeyes.core.atomic_file import temporary_folder
 from talkingeyes.core.errors import InputError
 from talkingeyes.workflows import convert
 
@@ -74,8 +74,8 @@ def run_service(
     head = load_shown_head(eyelid=eyelid, look=shown)
     formats = {name: each.suffix for name, each in convert.FORMATS.items()}
     signal.signal(signal.SIGTERM, _interrupted)
-    with tempfile.TemporaryDirectory(prefix="talkingeyes-") as folder:
-        results, temporary = Path(folder, "results"), Path(folder, "temporary")
+    with temporary_folder() as folder:
+        results, temporary = folder / "results", folder / "temporary"
         results.mkdir()
         temporary.mkdir()
         of_streams = ("talkingeyes.apps.service.stream_worker:stream_worker", [str(streamed.absolute()), shown])

@@ -7,13 +7,11 @@ little-endian.
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
-
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.core.atomic_file import temporary_folder
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats.rotations import quaternions
 from talkingeyes.formats.writers.glb import joint_offsets, write_glb
@@ -25,8 +23,8 @@ POSE_COLUMNS = 3 + 4 * 4  # columns before the weights
 
 def head_glb(head: HeadModel) -> bytes:
     """The head at rest, with its joints and morph targets."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "head.glb"
+    with temporary_folder() as folder:
+        path = folder / "head.glb"
         write_glb(Motion.of(25.0, np.zeros((1, 3)), np.zeros((1, 2, 3))), head, path)
         return path.read_bytes()
 

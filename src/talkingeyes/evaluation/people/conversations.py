@@ -23,6 +23,7 @@ from numpy import ndarray
 from talkingeyes.audio.annotation import Span
 from talkingeyes.core.containers import read_csv
 from talkingeyes.core.errors import InputError
+from talkingeyes.corpus.gaze_datasets import MAX_RECORDING_S
 from talkingeyes.evaluation.detectors.gaze_states import steady_states
 
 RATE_HZ = 25.0
@@ -111,7 +112,7 @@ def read_conversations(contact: Path, turns: Path) -> dict[str, list[Conversatio
     """
     looks = read_csv(contact)
     columns = _columns(looks, CONTACT_COLUMNS, contact)
-    start_s, end_s = (_numbers(looks, name, contact) / 1000 for name in CONTACT_COLUMNS[3:])
+    start_s, end_s = (_seconds(looks, name, contact) for name in CONTACT_COLUMNS[3:])
     _check_order(start_s, end_s, contact, np.zeros(len(start_s), bool))
     pairs, persons, coders = columns[:3]
     _check_persons(persons, "person", contact)
@@ -151,7 +152,7 @@ def _read_turns(path: Path) -> dict[str, Turns]:
     """Turns of each pair, those of person a as the own ones."""
     table = read_csv(path)
     columns = _columns(table, TURN_COLUMNS, path)
-    start_s, end_s = (_numbers(table, name, path) for name in TURN_COLUMNS[1:3])
+    start_s, end_s = (_seconds(table, name, path) for name in TURN_COLUMNS[1:3])
     pairs, speakers = columns[0], columns[3]
     _check_persons(speakers, "speaker", path)
     _check_order(start_s, end_s, path, np.append(pairs[1:] != pairs[:-1], True)[: len(pairs)])
@@ -169,15 +170,16 @@ def _columns(table: pa.Table, names: Sequence[str], path: Path) -> list[ndarray]
     return [np.array([str(each) for each in table[name].to_pylist()], dtype=object) for name in names]
 
 
-def _numbers(table: pa.Table, name: str, path: Path) -> ndarray:
-    values = np.empty(table.num_rows)
+def _seconds(table: pa.Table, name: str, path: Path) -> ndarray:
+    """A column of times, which its name says to be in ms or s."""
+    values, unit = np.empty(table.num_rows), 1000 if name.endswith("_ms") else 1
     for row, text in enumerate(table[name].to_pylist()):
         try:
-            values[row] = float(text)
+            values[row] = float(text) / unit
         except (TypeError, ValueError):
             values[row] = np.nan
-        if not (np.isfinite(values[row]) and values[row] >= 0):
-            raise InputError(f"{path}, row {row + 2}: {name} should be a time of at least 0, got {text}")
+        if not 0 <= values[row] < MAX_RECORDING_S:
+            raise InputError(f"{path}, row {row + 2}: {name} should be a time of at least 0, within a day, got {text}")
     return values
 
 

@@ -148,9 +148,10 @@ def read_people(path: Path) -> list[Person]:
             duration_s = np.rint(fixations.duration_s[rows] * CONVERSATION_RATE_HZ) / CONVERSATION_RATE_HZ
             arrays = (segments[rows], fixations.onset_s[rows], duration_s, centre)
             records[state] = merge_fixations(FixationRecord(*arrays))
-        people.append(Person(str(name), records))
+        if any(len(record) for record in records.values()):
+            people.append(Person(str(name), records))
     if not people:
-        raise InputError(f"{path}: should hold fixations of people, got none")
+        raise InputError(f"{path}: should hold fixations of people who speak or listen, got none")
     return people
 
 

@@ -148,6 +148,8 @@ def record_again(person: Person, tracker: Tracker, rng: np.random.Generator) -> 
     """
     clips = []
     for state, record in enumerate(person.records.values()):
+        if not len(record):
+            continue
         samples = np.maximum(1, np.rint(record.time_s * CONVERSATION_RATE_HZ)).astype(int)
         gaze = np.repeat(record.centre_deg, samples, axis=0)
         clips.append(GazeClip(CONVERSATION_RATE_HZ, gaze, np.full(len(gaze), state), np.zeros(len(gaze), bool)))

@@ -117,7 +117,7 @@ def two_sample_auc(people: Sequences, speakers: Sequences, settings: BootstrapSe
 
 def reference_auc(people: Sequences, settings: BootstrapSettings) -> Estimate:
     """AUC of people against other people: mean, least and largest over random halves of the people."""
-    rng, count = np.random.default_rng(settings.seed), int(people.owner.max()) + 1
+    rng, count = np.random.default_rng(settings.seed), int(people.owner.max(initial=-1)) + 1
     once = settings.model_copy(update={"n_resamples": 20})
     found = []
     for _ in range(SPLITS):

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from talkingeyes.animation.line_of_sight import to_forward_axes
+from talkingeyes.core.atomic_file import temporary_folder
 from talkingeyes.core.containers import reading
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
@@ -52,8 +52,8 @@ class FaceFile:
 
     def read_back(self, content: bytes) -> Motion:
         """What readers see in the edited file. Raises InputError (one line) if they cannot read it."""
-        with tempfile.TemporaryDirectory() as folder:
-            copy = Path(folder, self.path.name)
+        with temporary_folder() as folder:
+            copy = folder / self.path.name
             copy.write_bytes(content)
             try:
                 return self.reader(copy).motion

@@ -43,9 +43,9 @@ def _stating(path: Path, format: str) -> dict[str, Any]:
 
         return _object(_object(open_gltf(path).content.get("asset")).get("extras"))
     if format == "usd":
-        from pxr import Sdf
+        from talkingeyes.formats.readers.usd import read_layer_data
 
-        return dict(Sdf.Layer.FindOrOpen(str(path)).customLayerData)
+        return read_layer_data(path)
     return {}
 
 

@@ -34,7 +34,6 @@ SUFFIXES = (
     *(".glb", ".gltf", ".vrma", ".usd", ".usda", ".usdc", ".bvh", ".obj", ".ply"),
 )
 MAX_RAD = {"gaze": 1.4, "head": 3.2, "jaw": 1.2}  # larger values are not radians
-MAX_VALUE = 1e6  # of metres and weights
 LID_BOUNDS = (-1.5, 1.5)
 OUTLIER_SHARE = 0.01  # fraction of frames that may exceed the bounds
 MAX_DIVERGENCE_DEG = 12.0  # mean; human optical axes diverge by about 9 degrees when lines of sight are parallel
@@ -112,9 +111,6 @@ def check_motion(path: Path, motion: Motion) -> list[str]:
         if typical > most:
             hint = "; if these are degrees, set unit: degrees in a map" if typical > 3.2 else ""
             raise InputError(f"{path}: {name} should rotate by at most {most:g} radians, got {typical:.3g}{hint}")
-    for name in ("translation", "expression"):
-        if (largest := np.abs(getattr(motion, name)).max(initial=0.0)) > MAX_VALUE:
-            raise InputError(f"{path}: {name} should be at most {MAX_VALUE:g}, got {largest:.3g}")
     low, high = np.quantile(motion.lid, [OUTLIER_SHARE, 1 - OUTLIER_SHARE])
     if low < LID_BOUNDS[0] or high > LID_BOUNDS[1]:
         raise InputError(f"{path}: lids should be 0 open to 1 shut, got {low:.3g} to {high:.3g}")

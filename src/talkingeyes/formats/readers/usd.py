@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable
+from concurrent.futures.process import BrokenProcessPool
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
+from joblib.externals.loky import ProcessPoolExecutor
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.formats.joint_names import JOINTS, joints_by_name
@@ -13,9 +18,56 @@ from talkingeyes.formats.readers.gltf import count_frames, lost_shapes, motion_f
 from talkingeyes.formats.readers.noted import NotedMotion
 from talkingeyes.formats.shape_names import shape_names
 
+Result = TypeVar("Result")
+
+
+# usd-core believes the sizes that a file claims, and ends the process where it fails. So it reads in another one, which
+# may have this much memory and time.
+MAX_ADDRESSES = 4 * 2**30  # bytes
+MAX_S = 120.0
+
 
 def read_usd(path: Path, fps: float | None = None) -> NotedMotion:
     """Read the first SkelAnimation of a stage."""
+    return _apart(path, _read, fps)
+
+
+def read_layer_data(path: Path) -> dict[str, Any]:
+    """The custom data of a layer."""
+    return _apart(path, _layer_data)
+
+
+def _apart(path: Path, read: Callable[..., Result], *arguments: Any) -> Result:
+    try:
+        return cast(Result, _reader().submit(read, path, *arguments).result(MAX_S))
+    except BrokenProcessPool:
+        error = f"its reader ended; it may have {MAX_ADDRESSES:,} bytes of memory"
+    except TimeoutError:
+        error = f"its reader may take {MAX_S:g} s"
+    _reader().shutdown(kill_workers=True)
+    _reader.cache_clear()
+    raise InputError(f"{path}: not a readable USD stage ({error})")
+
+
+@cache
+def _reader() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(1, initializer=_bound_memory)
+
+
+def _bound_memory() -> None:
+    with contextlib.suppress(ImportError, ValueError):  # Windows and macOS have no such limit
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (MAX_ADDRESSES,) * 2)
+
+
+def _layer_data(path: Path) -> dict[str, Any]:
+    from pxr import Sdf
+
+    return {key: str(value) for key, value in Sdf.Layer.FindOrOpen(str(path)).customLayerData.items()}
+
+
+def _read(path: Path, fps: float | None) -> NotedMotion:
     try:
         from pxr import Tf, Usd, UsdSkel
     except ImportError:
