@@ -13,11 +13,10 @@ from talkingeyes.core.atomic_file import partial_path
 from talkingeyes.core.errors import InputError
 
 
-def output_path(out: Path, own_file_pattern: re.Pattern[str], force: bool, unfinished: str | None = None) -> Path:
+def output_path(out: Path, own_file_pattern: re.Pattern[str], force: bool) -> Path:
     """Check the output folder of a command.
 
-    Raises InputError unless it is new, empty, or contains only files matching `own_file_pattern` with `force`, or with
-    a file called `unfinished` among them, which marks what an interrupted command has left.
+    Raises InputError unless it is new, empty, or (with `force`) contains only files matching `own_file_pattern`.
     """
     try:
         folder = out.resolve()
@@ -28,7 +27,7 @@ def output_path(out: Path, own_file_pattern: re.Pattern[str], force: bool, unfin
     strange = [name for name in found if not own_file_pattern.fullmatch(name)]
     if strange:
         raise InputError(f"{out}: should be a new or empty folder, or earlier output, got one with {strange[0]} in it")
-    if found and not force and unfinished not in found:
+    if found and not force:
         raise InputError(f"{out}: should be a new or empty folder, got one with earlier output; --force replaces it")
     if not (nearest.is_dir() and os.access(nearest, os.W_OK)):
         raise InputError(f"{out}: should be in a writable folder, got {nearest}")

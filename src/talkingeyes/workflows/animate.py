@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -176,7 +177,8 @@ def run_animation(
     force: bool = False,
 ) -> list[Animation]:
     """Animate speech into a folder, whose motions can be used while the films are drawn."""
-    output_path = output_folder.output_path(Path(out), OWN_FILES, force, UNFINISHED)
+    is_unfinished = os.path.isfile(Path(out, UNFINISHED))  # False for any name that cannot be one
+    output_path = output_folder.output_path(Path(out), OWN_FILES, force or is_unfinished)
     sound = load_speech(speech)
     animations = sample_animations(load_performer(model), sound, options)
     manifest = build_manifest(sound, provenance_of(find_model(model)), options)

@@ -93,7 +93,7 @@ def animate_all(
         raise InputError(f"jobs: should be 1 or more, got {jobs}")
     sounds = find_sounds([Path(path) for path in speech])
     folder = _folder(Path(out), sounds)
-    found = find_model(model)
+    found = find_model(model).absolute()  # worker processes may be those of a call made in another folder
     animate.load_performer(found)  # report an invalid model once, not for every sound
     provenance = animate.provenance_of(found)
     folder.mkdir(parents=True, exist_ok=True)
