@@ -2,12 +2,11 @@
 
 The packaged recording is repeated to 10 s, 1 min, 10 min and an hour and embedded first, which is not counted. Each
 length is generated in a separate process: first gaze and head alone, then a complete animation with blinks, events and,
-if there is a face model, the face. Ten samples at once are compared with one, alternating in one process. For
-comparison, a decoder recomputes its prefix for every code of 4 frames, as in eq. 10 of the paper: the network of
-conf/model/talkingeyes.yaml, untrained, because weights do not affect its time.
+if there is a face model, the face. Ten samples at once are compared with one, alternating in one process. Decoders that
+compute their prefix again for every frame: benchmarks/peers.py.
 
 Run     python -m benchmarks.generation [data/train/MODEL]     (make bench, after make repro)
-Reads   data/train/talkingeyes_events, or the given model; conf/
+Reads   data/train/talkingeyes_events, or the given model
 """
 
 from __future__ import annotations
@@ -28,8 +27,6 @@ from talkingeyes.audio.waveform import read_speech
 from talkingeyes.orchestration.run import run_command
 
 if TYPE_CHECKING:
-    from torch.nn import Module
-
     from talkingeyes.animation.animator import Animator
 
 P = ParamSpec("P")
@@ -37,10 +34,8 @@ Result = TypeVar("Result")
 
 MODEL = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("data", "train", "talkingeyes_events")
 DURATIONS_S = (10, 60, 600, 3600)
-RECOMPUTED_S = (10, 60)
 REPEATS = 25  # of the shortest length, with different seeds: the median, because single runs vary
 TURNS = 101
-EXPERIMENT = "experiment=point_process"  # includes that model beside the default
 
 
 @dataclass(frozen=True)
@@ -91,50 +86,6 @@ def _drawn_s(animator: Animator, embedding: np.ndarray, first: int, samples: int
     return time.process_time() - start
 
 
-@dataclass(frozen=True)
-class UncachedCost:
-    """CPU seconds of the gaze codes alone, and the parameters of that network and of the model."""
-
-    cpu_s: float
-    parameters: int
-    own_parameters: int
-
-
-def cost_without_cache(embedding: np.ndarray) -> UncachedCost:
-    """Generate gaze codes with the whole prefix recomputed at every step."""
-    import torch
-
-    from talkingeyes.animation.animator import Animator
-    from talkingeyes.models.gaze.categorical import CategoricalGaze
-    from talkingeyes.models.gaze.generator import GazeCondition
-    from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
-    from talkingeyes.models.speech_to_motion import SpeechToMotion
-    from talkingeyes.orchestration.config import compose
-    from talkingeyes.training.motion_task import MotionTaskSettings
-
-    animator, params = Animator.load(MODEL), compose([EXPERIMENT])
-    codebook = GazeVQVAE(GazeVQVAESettings.model_validate(params["pretrain"]["gaze_patches"]["network"])).freeze()
-    settings = MotionTaskSettings.model_validate(params["model"]["talkingeyes"])
-    network = SpeechToMotion(settings, animator.encoder.channels, codebook).eval()
-    gaze = network.gaze
-    assert isinstance(gaze, CategoricalGaze)
-    start = time.process_time()
-    with torch.no_grad():
-        speech = network.speech(torch.from_numpy(embedding)[None])
-        still = torch.zeros(1, len(embedding), 3)
-        memory = gaze.memory(GazeCondition(speech, still, still))
-        for step in range(memory.shape[1]):
-            gaze.out(gaze.transformer(memory[:, : step + 1], memory))
-            width = gaze.codebook.settings.quantiser.width
-            gaze.codebook.decode(torch.zeros(1, step + 1, width), torch.zeros(1, step + 1, dtype=torch.bool))
-    taken = time.process_time() - start
-    return UncachedCost(taken, _parameters(network), _parameters(getattr(animator.generator, "network", None)))
-
-
-def _parameters(network: Module | None) -> int:
-    return sum(each.numel() for each in network.parameters()) if network is not None else 0
-
-
 def embed(seconds: int) -> np.ndarray:
     """Speech features of the packaged recording, repeated, from the model's encoder."""
     from talkingeyes.animation.animator import Animator
@@ -168,12 +119,6 @@ def main() -> None:
     first, minute, hour = one[10], one[60], one[3600]
     print(f"time of an hour over 360 times that of 10 s: {hour.cpu_s / (360 * first.cpu_s):.2f}")
     print(f"peak memory of an hour over that of 1 min: {hour.peak_mib / minute.peak_mib:.2f}")
-    for seconds in RECOMPUTED_S:
-        again = apart(cost_without_cache, embeddings[seconds])
-        print(
-            f"prefix recomputed ({again.parameters:,} parameters; the model {again.own_parameters:,}), {seconds} s:"
-            f" {again.cpu_s:.2f} s, {again.cpu_s / one[seconds].cpu_s:.1f} times"
-        )
 
 
 if __name__ == "__main__":

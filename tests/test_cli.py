@@ -83,6 +83,28 @@ def test_animate_writes_every_sample_and_the_plot(place: Path) -> None:
     assert not [path for path in (place / out).parent.iterdir() if "partial" in path.name]
 
 
+def test_motions_are_there_before_their_films_and_an_interrupted_call_is_made_again(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(path: Path, *_: object) -> None:
+        names = {each.name for each in path.parent.iterdir()}
+        assert names == {"films.unfinished", "sample_00.events.json", "sample_00.npz", "sheet.png", "traces.png"}
+        (path.parent / f".{path.name}.1.partial").touch()
+        raise KeyboardInterrupt
+
+    words = ["animate", "my speech.txt", "-o", "out", "--samples", "1"]
+    with monkeypatch.context() as patched:
+        patched.setattr("talkingeyes.rendering.video.write_video", interrupted)
+        assert call(*words) == 130
+    Motion.load(place / "out" / "sample_00.npz")
+    monkeypatch.setattr("talkingeyes.rendering.video.write_video", lambda path, *_: path.touch())
+    assert call(*words) == 0
+    names = sorted(path.name for path in (place / "out").iterdir())
+    assert names == ["manifest.json", *(f"sample_00{end}" for end in SAMPLE), "sheet.png", "traces.png"]
+    assert capsys.readouterr().err.endswith("out/sample_00.mp4\n")
+    assert call(*words) == 2  # a finished folder is kept
+
+
 def test_other_formats_are_written_with_each_motion(place: Path) -> None:
     words = ["animate", "my speech.txt", "-o", "out", "--samples", "1", "--no-previews"]
     more = ["-f", "bvh", "-f", "events", "-f", "flame", "-f", "livelink"]

@@ -2,7 +2,9 @@
 
 Reads a sound and a trained model. Returns animations. If a folder is given, writes sample_00.npz, .events.json and .mp4
 of each sample, traces.png, sheet.png (the head at several times, one row per sample) and manifest.json (all inputs and
-options); the folder appears atomically. Synthesized text is also stored, as speech.wav and speech.json.
+options). Synthesized text is also stored, as speech.wav and speech.json. The folder appears atomically, before the
+films of a single sound are drawn, on all cores; they follow one by one, then manifest.json. Until then the file
+films.unfinished is there, and the same call replaces the folder.
 """
 
 from __future__ import annotations
@@ -10,15 +12,19 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import re
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from numpy import ndarray
 
 from talkingeyes.animation.controls import Controls
@@ -26,10 +32,9 @@ from talkingeyes.animation.line_of_sight import check_forward_axis, to_forward_a
 from talkingeyes.animation.model_file import face_source, find_model
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core import output_folder
-from talkingeyes.core.atomic_file import writing
+from talkingeyes.core.atomic_file import atomic_write, writing
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.progress import progress_bar
-from talkingeyes.orchestration.run import code_digest
+from talkingeyes.orchestration.run import code_digest, parallel_map
 from talkingeyes.workflows import convert
 from talkingeyes.workflows.render import check_look_of, load_shown_head
 
@@ -37,6 +42,8 @@ if TYPE_CHECKING:
     from talkingeyes.animation.animation import Animation
     from talkingeyes.animation.animator import Animator
     from talkingeyes.animation.dialogue import Dialogue
+    from talkingeyes.core.motion import Motion
+    from talkingeyes.rendering.render import HeadRenderer
     from talkingeyes.workflows.speak import SynthesizedSpeech
 
 Speech = Path | str | Float[ndarray, " N"]  # a sound file, or a signal of 16 kHz mono
@@ -46,8 +53,10 @@ VIDEO_PX = 256
 FPS_BOUNDS = (10.0, 240.0)
 MAX_SAMPLES = 1000
 MANIFEST_FILE = "manifest.json"
+UNFINISHED = "films.unfinished"
 OWN_FILES = re.compile(
     r"sample_\d+(\.[a-z]+)?\.(npz|json|mp4|csv|glb|vrma|usda|npy|bvh)|(traces|sheet)\.png|manifest\.json|speech\.(wav|json)"
+    r"|films\.unfinished|\.sample_\d+\.mp4\.\d+\.partial"
 )
 DIALOGUE_FOLDERS = re.compile("first|second")
 SHEET_ROWS, SHEET_COLUMNS, SHEET_PX = 4, 8, 160
@@ -167,18 +176,22 @@ def run_animation(
     model: Path | str | None = None,
     force: bool = False,
 ) -> list[Animation]:
-    """Animate speech into a folder."""
-    output_path = output_folder.output_path(Path(out), OWN_FILES, force)
+    """Animate speech into a folder, whose motions can be used while the films are drawn."""
+    is_unfinished = os.path.isfile(Path(out, UNFINISHED))  # False for any name that cannot be one
+    output_path = output_folder.output_path(Path(out), OWN_FILES, force or is_unfinished)
     sound = load_speech(speech)
     animations = sample_animations(load_performer(model), sound, options)
-    write_animation(
-        output_path,
-        animations,
-        sound,
-        options,
-        build_manifest(sound, provenance_of(find_model(model)), options),
-        spoken_text(speech),
-    )
+    manifest = build_manifest(sound, provenance_of(find_model(model)), options)
+    with writing(output_path, "folder"):
+        with output_folder.atomic_folder(output_path) as folder:
+            _write_motions(folder, animations, sound, options, spoken_text(speech))
+            (folder / UNFINISHED).touch()
+        if options.previews:
+            print(f"{out}: {len(animations)} motions are written, films follow", file=sys.stderr)
+            for film in _films(output_path, animations, sound, options):
+                print(f"{Path(out) / film}", file=sys.stderr)
+        _write_manifest(output_path, manifest)
+        (output_path / UNFINISHED).unlink()
     return animations
 
 
@@ -284,47 +297,77 @@ def write_animation(
     sound: Float[ndarray, " N"],
     options: AnimationOptions,
     manifest: dict[str, Any],
-    spoken: SynthesizedSpeech | None = None,
-    show_progress: bool = True,
+    *,
+    one_process: bool = False,
 ) -> None:
-    """Write the folder of a result atomically; `show_progress` shows a progress bar of the videos."""
+    """Write the folder of a result atomically, with its films; `one_process` draws them here, without progress."""
     with writing(output_path, "folder"), output_folder.atomic_folder(output_path) as folder:
-        if spoken is not None:
-            spoken.save(folder / "speech.wav")
-        for index, performance in enumerate(animations):
-            _write_sample(folder / f"sample_{index:02d}", performance, sound, options, show_progress)
-        if options.previews:
-            _draw(folder, animations, sound, options)
-        (folder / MANIFEST_FILE).write_text(json.dumps(manifest, indent=1, allow_nan=False) + "\n")
+        _write_motions(folder, animations, sound, options, None)
+        for _ in _films(folder, animations, sound, options, one_process) if options.previews else ():
+            pass
+        _write_manifest(folder, manifest)
 
 
-def _write_sample(
-    stem: Path, performance: Animation, sound: Float[ndarray, " N"], options: AnimationOptions, show_progress: bool
+def _write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
+    with atomic_write(folder / MANIFEST_FILE) as partial_file:
+        partial_file.write_text(json.dumps(manifest, indent=1, allow_nan=False) + "\n")
+
+
+def _write_motions(
+    folder: Path,
+    animations: Sequence[Animation],
+    sound: Float[ndarray, " N"],
+    options: AnimationOptions,
+    spoken: SynthesizedSpeech | None,
 ) -> None:
-    from talkingeyes.rendering.render import HeadRenderer
+    """Everything but films and manifest."""
+    if spoken is not None:
+        spoken.save(folder / "speech.wav")
+    for index, performance in enumerate(animations):
+        stem = folder / f"sample_{index:02d}"
+        performance.save(stem.with_name(f"{stem.name}.npz"))
+        for format in options.formats:
+            convert.write_motion(
+                performance.motion,
+                performance.events,
+                format,
+                convert.sibling_name(stem, format),
+                model=options.flame,
+                eyes=options.eyes,
+                eyelid=options.eyelid,
+                look=options.look,
+            )
+    if options.previews:
+        _draw(folder, animations, sound, options)
+
+
+def _films(
+    folder: Path,
+    animations: Sequence[Animation],
+    sound: Float[ndarray, " N"],
+    options: AnimationOptions,
+    one_process: bool = False,
+) -> Iterator[str]:
+    """Write the films one after the other, each drawn on all cores; yields the names of those that are there."""
+    import joblib
+
+    from talkingeyes.rendering.render import BLOCK_FRAMES, HeadRenderer
     from talkingeyes.rendering.video import write_video
     from talkingeyes.rendering.view import FRAMINGS
 
-    motion = performance.motion
-    performance.save(stem.with_name(f"{stem.name}.npz"))
-    for format in options.formats:
-        path = convert.sibling_name(stem, format)
-        convert.write_motion(
-            motion,
-            performance.events,
-            format,
-            path,
-            model=options.flame,
-            eyes=options.eyes,
-            eyelid=options.eyelid,
-            look=options.look,
-        )
-    if options.previews:
-        head = load_shown_head(eyelid=options.eyelid, look=options.look)
-        renderer = HeadRenderer(head, FRAMINGS["head"].view(VIDEO_PX, VIDEO_PX))
-        frames = renderer.draw(to_forward_axes(motion))
-        previews = progress_bar(frames, f"{stem.name}.mp4", len(motion)) if show_progress else frames
-        write_video(stem.with_name(f"{stem.name}.mp4"), iter(previews), motion.fps, sound)
+    head = load_shown_head(eyelid=options.eyelid, look=options.look)
+    draw = partial(_draw_block, HeadRenderer(head, FRAMINGS["head"].view(VIDEO_PX, VIDEO_PX)))
+    for index, performance in enumerate(animations):
+        name, shown = f"sample_{index:02d}.mp4", to_forward_axes(performance.motion)
+        blocks = [shown.cut(at, at + BLOCK_FRAMES) for at in range(0, len(shown), BLOCK_FRAMES)]
+        jobs = min(joblib.cpu_count(), len(blocks))
+        drawn = map(draw, blocks) if one_process else parallel_map(draw, blocks, jobs, name)
+        write_video(folder / name, chain.from_iterable(drawn), shown.fps, sound)
+        yield name
+
+
+def _draw_block(renderer: HeadRenderer, motion: Motion) -> list[UInt8[ndarray, "H W 3"]]:
+    return list(renderer.draw(motion))
 
 
 def _draw(

@@ -93,7 +93,7 @@ def animate_all(
         raise InputError(f"jobs: should be 1 or more, got {jobs}")
     sounds = find_sounds([Path(path) for path in speech])
     folder = _folder(Path(out), sounds)
-    found = find_model(model)
+    found = find_model(model).absolute()  # worker processes may be those of a call made in another folder
     animate.load_performer(found)  # report an invalid model once, not for every sound
     provenance = animate.provenance_of(found)
     folder.mkdir(parents=True, exist_ok=True)
@@ -153,7 +153,7 @@ def _animate_sound(task: _Task) -> BatchResult:
             return replace(line, status=SKIPPED)
         output_path = output_folder.output_path(task.output_path, OWN_FILES, task.force)
         animations = animate.sample_animations(_performer(task.model, task.provenance), sound, options)
-        animate.write_animation(output_path, animations, sound, options, manifest, show_progress=False)
+        animate.write_animation(output_path, animations, sound, options, manifest, one_process=True)
         return replace(line, status=DONE)
     except Exception as error:  # any error is reported in the table; the other sounds continue
         said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
