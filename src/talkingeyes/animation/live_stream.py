@@ -11,7 +11,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import takewhile
+from itertools import accumulate, takewhile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -210,11 +210,11 @@ def push_together(given: Sequence[StreamSound]) -> list[StreamFrames | Exception
     A stream gives what it gives alone, to rounding (1e-5). One that fails has the error as its result, and has ended.
     """
     failed: dict[int, Exception] = {}
-    _alone(lambda each: each.stream.receive(each.chunk, each.partner), dict(enumerate(given)), failed)
+    alone(lambda each: each.stream.receive(each.chunk, each.partner), dict(enumerate(given)), failed)
     parts: dict[int, list[GeneratedMotion]] = {row: [] for row in range(len(given)) if row not in failed}
     while due := {row: given[row].stream for row in parts if row not in failed and given[row].stream.prosody.has_block}:
-        features = _together(lambda each: StreamingProsody.next_blocks([one.prosody for one in each]), due, failed)
-        moved = _together(_move, {row: (due[row], found) for row, found in features.items()}, failed)
+        features = together(lambda each: StreamingProsody.next_blocks([one.prosody for one in each]), due, failed)
+        moved = together(_move, {row: (due[row], found) for row, found in features.items()}, failed)
         for row, found in moved.items():
             parts[row].append(found)
     generated = {row: (given[row].stream, concat_motions(found)) for row, found in parts.items() if row not in failed}
@@ -223,7 +223,7 @@ def push_together(given: Sequence[StreamSound]) -> list[StreamFrames | Exception
     return [*(nothing | frames | failed).values()]
 
 
-def _alone(stage: Callable[[Any], Any], values: Mapping[int, Any], failed: dict[int, Exception]) -> dict[int, Any]:
+def alone(stage: Callable[[Any], Any], values: Mapping[int, Any], failed: dict[int, Exception]) -> dict[int, Any]:
     """What a stage makes of each value; rows that fail are noted."""
     found = {}
     for row, value in values.items():
@@ -234,14 +234,14 @@ def _alone(stage: Callable[[Any], Any], values: Mapping[int, Any], failed: dict[
     return found
 
 
-def _together(
+def together(
     stage: Callable[[list[Any]], list[Any]], values: Mapping[int, Any], failed: dict[int, Exception]
 ) -> dict[int, Any]:
     """What a stage makes of all values at once or, if that fails, of each alone."""
     try:
         return dict(zip(values, stage([*values.values()]), strict=True)) if values else {}
     except Exception:
-        return _alone(lambda value: stage([value])[0], values, failed)
+        return alone(lambda value: stage([value])[0], values, failed)
 
 
 def _move(given: list[tuple[LiveStream, Float[ndarray, "T 3"]]]) -> list[GeneratedMotion]:
@@ -259,13 +259,13 @@ def _complete(
 ) -> dict[int, StreamFrames]:
     """Frames of generated motion, if there is any, with all that follows: steps, nods, direction of gaze, blinks."""
     streams = {row: stream for row, (stream, motion) in generated.items() if motion.head.shape[1]}
-    plain = _together(_trajectories, {row: generated[row] for row in streams}, failed)
+    plain = together(_trajectories, {row: generated[row] for row in streams}, failed)
     pairs = {row: (streams[row], each) for row, each in plain.items()}
-    made = _alone(lambda pair: pair[0].add_steps(pair[1]), pairs, failed)
-    offsets = _together(_offsets, made, failed)
+    made = alone(lambda pair: pair[0].add_steps(pair[1]), pairs, failed)
+    offsets = together(_offsets, made, failed)
     aimed = {row: (streams[row], made[row], offset) for row, offset in offsets.items()}
-    directed = _alone(lambda each: each[0].direct(*each[1:]), aimed, failed)
-    return _together(_frames, directed, failed)
+    directed = alone(lambda each: each[0].direct(*each[1:]), aimed, failed)
+    return together(_frames, directed, failed)
 
 
 def _trajectories(generated: list[tuple[LiveStream, GeneratedMotion]]) -> list[GazeTrajectory]:
@@ -298,4 +298,4 @@ def _frames(directed: list[DirectedFrames]) -> list[StreamFrames]:
 
 def _starts(lengths: Sequence[int]) -> list[int]:
     """Where the parts of these lengths begin, without the first."""
-    return np.cumsum(lengths)[:-1].tolist()
+    return [*accumulate(lengths)][:-1]
