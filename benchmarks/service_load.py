@@ -74,7 +74,8 @@ async def stream(address: str, sound: np.ndarray, wait_s: float, seed: int) -> S
                 heard.frames += count
             await speaking
     except (OSError, websockets.WebSocketException) as error:
-        heard.error = str(error)
+        received = getattr(error, "rcvd", None)
+        heard.error = received.reason if received else str(error)
     return heard
 
 

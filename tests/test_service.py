@@ -160,6 +160,14 @@ def json_stream(connection: ClientConnection, sound: np.ndarray) -> tuple[dict[s
     return about, frames
 
 
+def until_set(connection: ClientConnection) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """The frames of a stream of JSON up to the answer to {"set": ...}, and this answer."""
+    frames: list[dict[str, Any]] = []
+    while "set" not in (message := json.loads(connection.recv(120))):
+        frames += message.get("frames", ())
+    return frames, message
+
+
 def live_link_frame(packet: bytes, index: int, frame: dict[str, Any]) -> None:
     """Check a packet of Live Link Face: version, id, subject, frame time and rate, 61 big-endian floats."""
     length = struct.unpack("!i", packet[41:45])[0]
@@ -376,7 +384,8 @@ class TestStreams:
             connection.send('{"seed": 5, "format": "json", "blink_liveliness": 0}')
             about = json.loads(connection.recv(120))
             connection.send(pcm(sound[:half]))
-            before = json.loads(connection.recv(120))["frames"]
+            connection.send('{"set": {}}')
+            before = until_set(connection)[0]
             connection.send(json.dumps({"set": {"target": target}}))
             reply = json.loads(connection.recv(120))
             connection.send(pcm(sound[half:]))
@@ -399,10 +408,11 @@ class TestStreams:
                 connection.send('{"seed": 5, "format": "json", "state": "listening"}')
                 connection.recv(120)
                 connection.send(pcm(sound[:half]))
-                frames += json.loads(connection.recv(120))["frames"]
-                for change in changes:
+                for change in [{}, *changes]:
                     connection.send(json.dumps({"set": change}))
-                    assert json.loads(connection.recv(120)) == {"set": change, "frame": len(frames)}
+                    more, reply = until_set(connection)
+                    frames += more
+                    assert reply == {"set": change, "frame": len(frames)}
                 connection.send(pcm(sound[half:]))
                 connection.send('{"end": true}')
                 named = len(frames)
@@ -613,7 +623,7 @@ class TestDescription:
     def test_schema_has_every_request_with_its_parameters(self, service: Service) -> None:
         paths = service.ask("openapi.json").told["paths"]
         made, faces = "/performances", "/performances/{name}/faces/{ending}"
-        assert set(paths) == {made, faces, "/performances/{name}/{what}", "/service.json"}
+        assert set(paths) == {made, faces, "/performances/{name}/{what}", "/service.json", "/health", "/metrics"}
         for path, asked in ((made, AnimationRequest), (faces, EyesRequest)):
             found = {each["name"]: each["in"] for each in paths[path]["post"]["parameters"]}
             assert {name for name, where in found.items() if where == "query"} == set(asked.model_fields)

@@ -83,7 +83,7 @@ def service_app(
     resources: ServiceResources, limits: Limits, folder: Path, host: str, stream_origins: Sequence[str] = ()
 ) -> FastAPI:
     """The application; `folder` must be empty and is used by the service alone."""
-    app = create_app(host, stream_origins)
+    app = create_app(host, stream_origins, limits.idle_timeout_s)
     result_cache, streams = ResultCache(folder, limits.max_results), StreamServer(resources.stream_workers, limits)
 
     @asynccontextmanager
@@ -195,18 +195,15 @@ async def _body(request: Request, limits: Limits, what: str, refused: tuple[str,
     if claimed.isdigit() and int(claimed) > limits.max_upload_bytes:
         raise too_big
     body = bytearray()
-    parts = request.stream().__aiter__()
     try:
         async with asyncio.timeout(limits.work_timeout_s):
-            while True:
-                async with asyncio.timeout(limits.idle_timeout_s):
-                    body += await anext(parts)
+            async for part in request.stream():
+                body += part
                 if len(body) > limits.max_upload_bytes:
                     raise too_big
-    except StopAsyncIteration:
-        return bytes(body)
     except TimeoutError:
-        raise HTTPException(408, f"no data received for {limits.idle_timeout_s:g} s") from None
+        raise HTTPException(408, f"a file should come within {limits.work_timeout_s:g} s") from None
+    return bytes(body)
 
 
 def _status(app: FastAPI, streams: StreamServer) -> None:
