@@ -220,7 +220,7 @@ def test_a_longer_speech_begins_like_a_shorter_one(live: LiveModel) -> None:
 def test_dials(live: LiveModel) -> None:
     sound = speech()
     counts = [
-        len(live.sample_hour_of_blinks(1, LiveControls(liveliness=Liveliness(blinks=each)))) for each in (0.0, 1.0, 2.0)
+        len([*live.hour_of_blinks(1, LiveControls(liveliness=Liveliness(blinks=each)))]) for each in (0.0, 1.0, 2.0)
     ]
     assert counts[0] == 0
     assert 1.7 * counts[1] < counts[2] < 2.3 * counts[1]

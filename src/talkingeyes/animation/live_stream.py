@@ -11,7 +11,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import accumulate, takewhile
+from itertools import accumulate, islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -78,7 +78,8 @@ class LiveStream:
         self._controls, self._before = controls, controls.state_liveliness
         self._changed_frame = -math.inf  # when liveliness was changed
         self._gaze = model.live_gaze(seed)
-        self._blinks = deque(model.sample_hour_of_blinks(seed, controls))
+        self._later_blinks = model.hour_of_blinks(seed, controls)
+        self._blinks = deque([*islice(self._later_blinks, 1)])  # up to the first that has not begun
         self.motion = model.motion_streams.begin(sample_seeds(seed, 1)[0])
         self.prosody = StreamingProsody(model.embedding, model.fps, block_frames=model.step_frames)
         self._nods: LiveNods | None = None  # with a partner
@@ -195,9 +196,11 @@ class LiveStream:
 
     def _closure(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
         """Lid closure at each time; blinks that are over are dropped."""
+        while self._blinks and self._blinks[-1].onset_s <= times_s[-1] and (later := [*islice(self._later_blinks, 1)]):
+            self._blinks += later
         while self._blinks and blinks.end_s(self._blinks[0]) < times_s[0]:
             self._blinks.popleft()
-        return blinks.blink_closure([*takewhile(lambda blink: blink.onset_s <= times_s[-1], self._blinks)], times_s)
+        return blinks.blink_closure([blink for blink in self._blinks if blink.onset_s <= times_s[-1]], times_s)
 
     def no_frames(self) -> StreamFrames:
         """An empty part of the stream."""

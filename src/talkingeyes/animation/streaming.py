@@ -11,7 +11,7 @@ neutral: no face model can be streamed yet.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -151,7 +151,7 @@ class LiveModel:
             listening.push(sound, partner)
             contact = listening.contact(len(trajectory.head))
         trajectory = self.live_gaze(seed).direct(trajectory, controls.gaze, controls.liveliness.gaze, contact)
-        sampled_blinks = self.sample_hour_of_blinks(seed, controls)
+        sampled_blinks = tuple(self.hour_of_blinks(seed, controls))
         closure = blinks.blink_closure(sampled_blinks, trajectory.times_s)
         space = hold_frames(trajectory.gaze_in_space_rad, closure >= SHUT_CLOSURE)
         eye = eye_head.clamp_to_eye_range(rotation.eye_in_head(trajectory.head, space))
@@ -208,10 +208,10 @@ class LiveModel:
             trajectory = step(trajectory, context)
         return trajectory
 
-    def sample_hour_of_blinks(self, seed: int, controls: LiveControls) -> tuple[Blink, ...]:
+    def hour_of_blinks(self, seed: int, controls: LiveControls) -> Iterator[Blink]:
         """The blinks of an hour, so that they do not depend on how long the speech turns out to be."""
         if controls.blinks not in self.blink_profiles:
             raise InputError(f"blinks: should be one of {', '.join(self.blink_profiles)}, got {controls.blinks}")
         profile, rng = self.blink_profiles[controls.blinks], np.random.default_rng([seed, 0])
         rate = blinks.sample_blink_rate(profile, rng) * controls.liveliness.blinks
-        return blinks.sample_blinks(profile, LONGEST_S, rng, rate_per_min=rate) if rate else ()
+        return blinks.iterate_blinks(profile, LONGEST_S, rng, rate_per_min=rate) if rate else iter(())

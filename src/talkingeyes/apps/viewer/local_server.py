@@ -12,7 +12,7 @@ import contextlib
 import secrets
 import socket
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from talkingeyes.apps.viewer.assets import Asset
@@ -20,6 +20,7 @@ from talkingeyes.core.errors import InputError
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
+    from starlette.responses import Response
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LOCALHOST = "127.0.0.1"
@@ -48,8 +49,10 @@ def create_app(
     """
     from fastapi import FastAPI
     from starlette.middleware.trustedhost import TrustedHostMiddleware
+    from starlette.requests import ClientDisconnect
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    app.add_exception_handler(ClientDisconnect, _gone)
     app.add_middleware(BodyTimeoutMiddleware, seconds=body_timeout_s)
     app.state.access_token = None if host in LOOPBACK_HOSTS else secrets.token_urlsafe(16)
     if app.state.access_token:
@@ -60,6 +63,13 @@ def create_app(
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=_host_names(host), www_redirect=False)
     app.add_middleware(SecurityHeadersMiddleware)
     return app
+
+
+async def _gone(_: Any, __: Exception) -> Response:
+    """The answer to a client that has left before its request was complete, which nobody reads."""
+    from starlette.responses import Response
+
+    return Response(status_code=400)
 
 
 def serve_files(app: FastAPI, files: Mapping[str, Asset]) -> None:
