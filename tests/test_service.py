@@ -602,6 +602,23 @@ class TestStreams:
                 assert "no data received" in connection.recv(120)
         well(service)
 
+    def test_health_and_metrics_say_how_streams_are_doing(self, service: Service) -> None:
+        with service.stream() as connection:
+            connection.send("{}")
+            connection.recv(120)
+            connection.send(pcm(speech(1.0)))
+            assert len(connection.recv(120)) > 4
+            health = service.ask("health").told
+            lines = dict(
+                line.rsplit(" ", 1) for line in service.ask("metrics").body.decode().splitlines() if line[0] != "#"
+            )
+        assert health["streams"] == float(lines["talkingeyes_streams"]) == 1
+        assert 0 < health["load"] < 1
+        assert {"behind", "lateness_s"} < set(health)
+        assert float(lines['talkingeyes_lateness_seconds{quantile="0.99"}']) >= 0
+        assert float(lines["talkingeyes_memory_bytes"]) > 1e8
+        assert float(lines["talkingeyes_threads"]) >= 3
+
     def test_disconnect_frees_the_stream(self, service: Service) -> None:
         for _ in range(STREAMS):
             with service.stream() as connection:
@@ -738,6 +755,14 @@ class TestMistakes:
         with socket.create_connection(("127.0.0.1", service.port)) as gone:
             gone.sendall(b"POST /performances HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 1000\r\n\r\nRIFF")
         well(service)
+
+    @pytest.mark.long
+    def test_half_sent_head_of_a_request_times_out(self, service: Service) -> None:
+        for half in (b"", b"GET /service.js", b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n"):
+            with socket.create_connection(("127.0.0.1", service.port)) as stalled:
+                stalled.sendall(half)
+                stalled.settimeout(60)
+                assert stalled.recv(4096) == b""
 
     @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(st.data())

@@ -64,9 +64,9 @@ class StreamStatus:
         """The most sound that waits for a stream."""
         return max((each.waiting_s for each in self._inboxes), default=0.0)
 
-    def lateness_s(self) -> dict[float, float]:
-        """Quantiles of the lateness of recent steps."""
-        quantiles, begun = (0.5, 0.99, 1.0), time.monotonic() - RECENT_S
+    def lateness_s(self, last_s: float = RECENT_S) -> dict[float, float]:
+        """Quantiles of the lateness of the steps in the last seconds."""
+        quantiles, begun = (0.5, 0.99, 1.0), time.monotonic() - last_s
         late = [late_s for noted_s, late_s in self._recent if noted_s > begun]
         found = np.quantile(late, quantiles).tolist() if late else [0.0] * 3
         return dict(zip(quantiles, found, strict=True))

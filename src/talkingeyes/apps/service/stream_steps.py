@@ -22,7 +22,7 @@ STEP_TIMEOUT_S = 20.0  # time limit of a worker for a step
 WINDOW_S = 3.0  # in which load is measured
 MAX_LOAD = 0.65
 # The least load that a new stream is assumed to add; with few streams the only one, as a step has a fixed cost too.
-STREAM_LOAD, FEW_STREAMS = 0.01, 8
+STREAM_LOAD, FEW_STREAMS = 0.02, 8
 
 
 @dataclass(frozen=True)
