@@ -1,24 +1,28 @@
-"""Load test of live streams: latency of real-time speech on every stream, and rejection of one stream too many.
+"""Load test of live streams: latency of real-time speech on every stream, cost, memory, and what happens beyond that.
 
-Run: python -m benchmarks.service_load [MODEL] [--streams 20] [--seconds 20] [--jobs 2] Starts `talkingeyes serve` on a
-free port of 127.0.0.1 and feeds streams with 40 ms of sound every 40 ms. Prints the latency of frames over all streams
-(from the time of a frame until it is received, including sound, inference and transfer), its percentiles, lost frames,
-the response to one stream too many, and the CPU seconds of the service.
+Run: python -m benchmarks.service_load [MODEL] [--clients 50] [--seconds 40] [--jobs 2] [--hostile]
+
+Starts `talkingeyes serve` on a free port of 127.0.0.1 and feeds each stream with 40 ms of sound every 40 ms. Prints the
+latency of frames over all streams (from the time of a frame until it is received, so with the model's lookahead), lost
+frames, streams refused, what the service says of itself, CPU seconds, and at start and end memory, threads and files.
+`--hostile` adds clients that send half a request, do not read, send too fast, noise or too much, or leave.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import json
-import os
+import random
 import subprocess
 import sys
 import time
+import urllib.request
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
+import psutil
 import websockets
 from websockets.asyncio.client import ClientConnection, connect
 
@@ -26,7 +30,11 @@ from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
 from talkingeyes.audio.waveform import SAMPLE_RATE, frame_count, read_speech
 
 CHUNK_S = 0.04
-STAGGER_S = 0.16  # starts of streams are spread over the duration of a gaze code, as in practice
+STAGGER_S = 0.08  # starts of streams are spread over the duration of a bin of gaze, as in practice
+TOLD = ("waiting_seconds", "lateness_seconds", "load")
+HALF_REQUEST = b"POST /performances HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 1000\r\n\r\nRIFF"
+REQUESTS = ("{}", "{}", "{}", '{"channels": 2}', "[", '{"seed": -1}')
+MESSAGES = (b"\0" * 64_000, b"\0" * 64_000, b"\1" * 1281, b"\0" * 200_000, '{"set": {"state": 1}}')
 
 
 @dataclass
@@ -36,6 +44,7 @@ class StreamResult:
     latencies_s: list[float] = field(default_factory=list)
     frames: int = 0
     expected: int = 0
+    told_behind: int = 0
     error: str = ""
 
 
@@ -44,7 +53,7 @@ async def stream(address: str, sound: np.ndarray, wait_s: float, seed: int) -> S
     await asyncio.sleep(wait_s)
     heard = StreamResult()
     try:
-        async with connect(address, max_size=None, ping_interval=None) as socket:
+        async with connect(f"{address}stream", max_size=None, ping_interval=None, open_timeout=60) as socket:
             await socket.send(json.dumps({"seed": seed}))
             about = json.loads(await socket.recv())
             if "error" in about:
@@ -54,7 +63,10 @@ async def stream(address: str, sound: np.ndarray, wait_s: float, seed: int) -> S
             speaking = asyncio.create_task(_speak(socket, sound, begun))
             async for message in socket:
                 if isinstance(message, str):
-                    break
+                    content = json.loads(message)
+                    heard.told_behind += "behind_s" in content
+                    heard.error = content.get("error", "")
+                    continue
                 count = (len(message) - 4) // (4 * about["columns"])
                 first = int.from_bytes(message[:4], "little")
                 now = time.monotonic() - begun
@@ -62,7 +74,8 @@ async def stream(address: str, sound: np.ndarray, wait_s: float, seed: int) -> S
                 heard.frames += count
             await speaking
     except (OSError, websockets.WebSocketException) as error:
-        heard.error = str(error)
+        received = getattr(error, "rcvd", None)
+        heard.error = received.reason if received else str(error)
     return heard
 
 
@@ -77,72 +90,107 @@ async def _speak(socket: ClientConnection, sound: np.ndarray, begun: float) -> N
     await socket.send('{"end": true}')
 
 
-async def load(address: str, sound: np.ndarray, streams: int) -> list[StreamResult]:
-    """Run all streams at once, and one more than allowed halfway through."""
-    turns = [stream(address, sound, STAGGER_S * index / streams, index) for index in range(streams)]
-    one_more = stream(address, sound[:SAMPLE_RATE], len(sound) / SAMPLE_RATE / 2, streams)
-    return list(await asyncio.gather(*turns, one_more))
+async def hostile(address: str, port: int, seed: int) -> None:
+    """Be one bad client after the other, until cancelled."""
+    draw = random.Random(seed)
+    while True:
+        with contextlib.suppress(OSError, websockets.WebSocketException, TimeoutError):
+            if draw.random() < 0.3:
+                _, writer = await asyncio.open_connection("127.0.0.1", port)
+                writer.write(HALF_REQUEST[: draw.randint(1, len(HALF_REQUEST))])
+                await asyncio.sleep(5 * draw.random())
+                writer.close()
+                continue
+            async with connect(f"{address}stream", ping_interval=None, open_timeout=60) as socket:
+                await socket.send(draw.choice(REQUESTS))
+                message = draw.choice(MESSAGES)
+                for _ in range(draw.randint(1, 20)):  # faster than spoken, and never read
+                    await asyncio.wait_for(socket.send(message), 5)
+                if draw.random() < 0.5:
+                    socket.transport.abort()
+        await asyncio.sleep(draw.random())
 
 
-def report(found: list[StreamResult], cpu_s: float, seconds: float) -> None:
+async def load(
+    address: str, port: int, sound: np.ndarray, clients: int, hostiles: int
+) -> tuple[list[StreamResult], str]:
+    """Run all clients at once; returns their results, and what the service said of itself a second before the end."""
+    bad = [asyncio.create_task(hostile(address, port, seed)) for seed in range(hostiles)]
+    streams = [stream(address, sound, STAGGER_S * index / clients, index) for index in range(clients)]
+    asked = asyncio.create_task(_metrics(port, len(sound) / SAMPLE_RATE - 1))
+    found = await asyncio.gather(*streams)
+    for each in bad:
+        each.cancel()
+    return list(found), await asked
+
+
+async def _metrics(port: int, wait_s: float) -> str:
+    await asyncio.sleep(max(wait_s, 0))
+    answer = await asyncio.to_thread(urllib.request.urlopen, f"http://127.0.0.1:{port}/metrics", timeout=60)
+    with answer:
+        lines = [line.removeprefix("talkingeyes_") for line in answer.read().decode().splitlines()]
+    return "\n".join(line for line in lines if line.startswith(TOLD))
+
+
+def report(found: list[StreamResult], cpu_s: float) -> None:
     """Print the results."""
-    *streams, one_more = found
-    errors = [each.error for each in streams if each.error]
-    lost = sum(each.expected - each.frames for each in streams)
-    latencies = np.concatenate([each.latencies_s for each in streams]) * 1000
-    print(f"{len(streams)} streams of {seconds:.0f} s: {len(latencies)} frames, {lost} lost, {len(errors)} errors")
+    admitted = [each for each in found if each.expected]
+    latencies = np.concatenate([each.latencies_s for each in admitted]) * 1000
+    lost = sum(each.expected - each.frames for each in admitted)
+    print(f"{len(found)} clients, {len(admitted)} admitted: {len(latencies)} frames, {lost} lost")
+    errors = [each.error for each in found if each.error]
     for error in sorted(set(errors)):
-        print(f"  error: {error}")
-    if len(latencies):
-        marks = np.percentile(latencies, [50, 90, 99, 100])
-        print("latency ms: " + ", ".join(f"p{p} {v:.0f}" for p, v in zip((50, 90, 99, 100), marks, strict=True)))
-        print(f"within 400 ms: {np.mean(latencies <= 400):.1%}")
-    print(f"CPU of the service: {cpu_s:.1f} s, {cpu_s / len(streams) / seconds:.3f} per second of a stream")
-    print(f"one more stream: {one_more.error or 'was accepted'}")
+        print(f"  {errors.count(error)} times: {error}")
+    marks = zip(("p50", "p99", "greatest"), np.percentile(latencies, [50, 99, 100]), strict=True)
+    print("latency ms: " + ", ".join(f"{name} {value:.0f}" for name, value in marks))
+    told = sum(each.told_behind > 0 for each in admitted)
+    print(f"within 400 ms: {np.mean(latencies <= 400):.1%}; {told} streams were told that they are behind")
+    print(f"CPU of the service: {cpu_s:.1f} s, {cpu_s / len(latencies) * 25:.4f} per second of a stream")
 
 
-def cpu_of(pid: int) -> float:
-    """CPU seconds of a process and its descendants."""
-    total, todo = 0.0, [pid]
-    while todo:
-        one = todo.pop()
-        fields = Path(f"/proc/{one}/stat").read_text().rpartition(")")[2].split()
-        total += (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-        todo += [int(child) for child in Path(f"/proc/{one}/task/{one}/children").read_text().split()]
-    return total
+class ProcessTree:
+    """CPU seconds and sizes of a process and its descendants."""
+
+    def __init__(self, pid: int) -> None:
+        root = psutil.Process(pid)
+        self._all = [root, *root.children(recursive=True)]
+
+    def cpu_s(self) -> float:
+        """User and system seconds."""
+        return sum(sum(each.cpu_times()[:2]) for each in self._all)
+
+    def sizes(self) -> str:
+        """Memory, threads and open files in one line."""
+        memory = sum(each.memory_info().rss for each in self._all) / 1e6
+        threads, files = sum(each.num_threads() for each in self._all), sum(each.num_fds() for each in self._all)
+        return f"{memory:.0f} MB, {threads} threads, {files} files"
 
 
 def main() -> None:
     """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("model", nargs="?", default="data/train/talkingeyes_live")
-    parser.add_argument("--streams", type=int, default=20)
-    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--clients", type=int, default=50)
+    parser.add_argument("--seconds", type=float, default=40.0)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--hostile", action="store_true")
     asked = parser.parse_args()
-    sound = read_speech(package_file(EXAMPLE_SPEECH))
-    sound = np.resize(sound, round(asked.seconds * SAMPLE_RATE))
-    command = [
-        sys.executable,
-        "-m",
-        "talkingeyes.cli.main",
-        "serve",
-        "--model",
-        asked.model,
-        "--live-model",
-        asked.model,
-    ]
-    command += ["--streams", str(asked.streams), "--jobs", str(asked.jobs), "--port", "0"]
+    sound = np.resize(read_speech(package_file(EXAMPLE_SPEECH)), round(asked.seconds * SAMPLE_RATE))
+    command = [sys.executable, "-m", "talkingeyes.cli.main", "serve", "--live-model", asked.model]
+    command += ["--jobs", str(asked.jobs), "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as service:
         assert service.stdout is not None
         said = service.stdout.readline()
         if not said:  # the service has printed the error
             sys.exit(service.wait())
-        address = said.split()[0].replace("http", "ws") + "stream"
-        asyncio.run(stream(address, sound[:SAMPLE_RATE], 0.0, 0))  # afterwards, the processes have loaded their models
-        before = cpu_of(service.pid)
-        found = asyncio.run(load(address, sound, asked.streams))
-        report(found, cpu_of(service.pid) - before, asked.seconds)
+        address = said.split()[0].replace("http", "ws")
+        port = int(address.rstrip("/").rpartition(":")[2])
+        asyncio.run(load(address, port, sound[:SAMPLE_RATE], asked.jobs, 0))  # then the models are loaded
+        tree = ProcessTree(service.pid)
+        sizes, before = tree.sizes(), tree.cpu_s()
+        found, told = asyncio.run(load(address, port, sound, asked.clients, 10 * asked.hostile))
+        report(found, tree.cpu_s() - before)
+        print(f"{told}\nstart: {sizes}\nend: {tree.sizes()}")
         service.terminate()
 
 

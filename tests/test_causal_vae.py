@@ -29,9 +29,12 @@ def speech(seed: int = 0) -> Tensor:
 @torch.no_grad()
 def test_a_stream_is_the_sample_of_the_whole() -> None:
     model, features = head(), speech()
-    stream = model.stream(3)
-    parts = torch.cat([stream.step(each) for each in features[:1].split([1, 4, 25, 60], dim=1)], dim=1)
-    torch.testing.assert_close(parts, model.sample(features, [3, 4])[:1], atol=1e-5, rtol=1e-5)
+    streaming, parts = model.streaming(), []
+    states = [streaming.begin(seed) for seed in (3, 4)]
+    for each in features.split([1, 4, 25, 60], dim=1):
+        part, states = streaming.step(states, each)
+        parts.append(part)
+    torch.testing.assert_close(torch.cat(parts, dim=1), model.sample(features, [3, 4]), atol=1e-5, rtol=1e-5)
 
 
 @torch.no_grad()

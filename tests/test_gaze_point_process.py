@@ -88,12 +88,14 @@ def condition(frames: int) -> GazeCondition:
 def test_stream_equals_samples_of_the_whole(frames: int, factor: float) -> None:
     made, given = gaze(factor, factor + 0.5 * (factor > 1), lookahead=0), condition(frames)
     expected = made.sample(given, [7], 1.0)
-    stream, parts = made.stream(7, 1.0), []
+    streaming, parts = made.streaming(1.0), []
+    states = [streaming.begin(7)]
     with torch.no_grad():
         for first in range(0, frames, made.step_frames):
             now = slice(first, first + made.step_frames)
             whole = (given.speech, given.head, given.normalised_head, given.mean_speech)
-            parts.append(stream.step(GazeCondition(*(each[:, now] for each in whole))))
+            part, states = streaming.step(states, GazeCondition(*(each[:, now] for each in whole)))
+            parts.append(part)
     torch.testing.assert_close(torch.cat(parts, dim=1), expected, atol=1e-5, rtol=0)
 
 

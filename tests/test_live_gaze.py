@@ -17,9 +17,10 @@ from talkingeyes.animation.conversation_states import State
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory
 from talkingeyes.animation.live_gaze import GazeDirection, LiveGaze
 from talkingeyes.animation.live_listening import LiveListening
+from talkingeyes.animation.live_stream import LiveStream, StreamFrames
 from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL
 from talkingeyes.animation.steps.eye_contact import CONTACT_RAD, eye_contact_fraction
-from talkingeyes.animation.streaming import LiveControls, LiveModel, LiveStream, StreamFrames
+from talkingeyes.animation.streaming import LiveControls, LiveModel
 from talkingeyes.animation.targets import STRAIGHT_AHEAD
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core import rotation

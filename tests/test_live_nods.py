@@ -13,7 +13,8 @@ from talkingeyes.animation.listening_behaviour import sample_listening_behaviour
 from talkingeyes.animation.live_gaze import GazeDirection
 from talkingeyes.animation.live_listening import LiveListening
 from talkingeyes.animation.live_nods import LiveNods, PhraseDetector
-from talkingeyes.animation.streaming import LiveControls, LiveModel, StreamFrames
+from talkingeyes.animation.live_stream import StreamFrames
+from talkingeyes.animation.streaming import LiveControls, LiveModel
 from talkingeyes.audio.turn_taking import detect_turns
 from talkingeyes.audio.voice_activity import detect_speech
 from talkingeyes.audio.waveform import SAMPLE_RATE

@@ -160,6 +160,14 @@ def json_stream(connection: ClientConnection, sound: np.ndarray) -> tuple[dict[s
     return about, frames
 
 
+def until_set(connection: ClientConnection) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """The frames of a stream of JSON up to the answer to {"set": ...}, and this answer."""
+    frames: list[dict[str, Any]] = []
+    while "set" not in (message := json.loads(connection.recv(120))):
+        frames += message.get("frames", ())
+    return frames, message
+
+
 def live_link_frame(packet: bytes, index: int, frame: dict[str, Any]) -> None:
     """Check a packet of Live Link Face: version, id, subject, frame time and rate, 61 big-endian floats."""
     length = struct.unpack("!i", packet[41:45])[0]
@@ -376,7 +384,8 @@ class TestStreams:
             connection.send('{"seed": 5, "format": "json", "blink_liveliness": 0}')
             about = json.loads(connection.recv(120))
             connection.send(pcm(sound[:half]))
-            before = json.loads(connection.recv(120))["frames"]
+            connection.send('{"set": {}}')
+            before = until_set(connection)[0]
             connection.send(json.dumps({"set": {"target": target}}))
             reply = json.loads(connection.recv(120))
             connection.send(pcm(sound[half:]))
@@ -399,10 +408,11 @@ class TestStreams:
                 connection.send('{"seed": 5, "format": "json", "state": "listening"}')
                 connection.recv(120)
                 connection.send(pcm(sound[:half]))
-                frames += json.loads(connection.recv(120))["frames"]
-                for change in changes:
+                for change in [{}, *changes]:
                     connection.send(json.dumps({"set": change}))
-                    assert json.loads(connection.recv(120)) == {"set": change, "frame": len(frames)}
+                    more, reply = until_set(connection)
+                    frames += more
+                    assert reply == {"set": change, "frame": len(frames)}
                 connection.send(pcm(sound[half:]))
                 connection.send('{"end": true}')
                 named = len(frames)
@@ -592,6 +602,23 @@ class TestStreams:
                 assert "no data received" in connection.recv(120)
         well(service)
 
+    def test_health_and_metrics_say_how_streams_are_doing(self, service: Service) -> None:
+        with service.stream() as connection:
+            connection.send("{}")
+            connection.recv(120)
+            connection.send(pcm(speech(1.0)))
+            assert len(connection.recv(120)) > 4
+            health = service.ask("health").told
+            lines = dict(
+                line.rsplit(" ", 1) for line in service.ask("metrics").body.decode().splitlines() if line[0] != "#"
+            )
+        assert health["streams"] == float(lines["talkingeyes_streams"]) == 1
+        assert 0 < health["load"] < 1
+        assert {"behind", "lateness_s"} < set(health)
+        assert float(lines['talkingeyes_lateness_seconds{quantile="0.99"}']) >= 0
+        assert float(lines["talkingeyes_memory_bytes"]) > 1e8
+        assert float(lines["talkingeyes_threads"]) >= 3
+
     def test_disconnect_frees_the_stream(self, service: Service) -> None:
         for _ in range(STREAMS):
             with service.stream() as connection:
@@ -613,7 +640,7 @@ class TestDescription:
     def test_schema_has_every_request_with_its_parameters(self, service: Service) -> None:
         paths = service.ask("openapi.json").told["paths"]
         made, faces = "/performances", "/performances/{name}/faces/{ending}"
-        assert set(paths) == {made, faces, "/performances/{name}/{what}", "/service.json"}
+        assert set(paths) == {made, faces, "/performances/{name}/{what}", "/service.json", "/health", "/metrics"}
         for path, asked in ((made, AnimationRequest), (faces, EyesRequest)):
             found = {each["name"]: each["in"] for each in paths[path]["post"]["parameters"]}
             assert {name for name, where in found.items() if where == "query"} == set(asked.model_fields)
@@ -728,6 +755,14 @@ class TestMistakes:
         with socket.create_connection(("127.0.0.1", service.port)) as gone:
             gone.sendall(b"POST /performances HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 1000\r\n\r\nRIFF")
         well(service)
+
+    @pytest.mark.long
+    def test_half_sent_head_of_a_request_times_out(self, service: Service) -> None:
+        for half in (b"", b"GET /service.js", b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n"):
+            with socket.create_connection(("127.0.0.1", service.port)) as stalled:
+                stalled.sendall(half)
+                stalled.settimeout(60)
+                assert stalled.recv(4096) == b""
 
     @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(st.data())

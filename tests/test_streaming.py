@@ -12,7 +12,9 @@ from model_conf import model_section
 from numpy import ndarray
 
 from talkingeyes.animation.controls import Liveliness
-from talkingeyes.animation.streaming import MAX_LATENCY_S, LiveControls, LiveModel, StreamFrames
+from talkingeyes.animation.live_gaze import GazeDirection
+from talkingeyes.animation.live_stream import StreamFrames, StreamSound, push_together
+from talkingeyes.animation.streaming import MAX_LATENCY_S, LiveControls, LiveModel
 from talkingeyes.audio.encoder import make_encoder
 from talkingeyes.audio.speech_boundaries import BOUNDARY_CHANNELS
 from talkingeyes.audio.streaming_prosody import DEFAULT_LEVEL_DBFS, RunningLevel, StreamingProsody
@@ -22,7 +24,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.kinematics import eye_speed_deg_s
 from talkingeyes.core.motion import Motion
 from talkingeyes.models.layers.convolution import ConvolutionStack
-from talkingeyes.models.motion_stream import MotionStream, StreamingModules
+from talkingeyes.models.motion_stream import MotionStreams, StreamingModules, concat_motions
 
 SECONDS = 3.3
 
@@ -48,6 +50,13 @@ def codes(tmp_path_factory: pytest.TempPathFactory) -> LiveModel:
     return LiveModel.load(write_live_model(tmp_path_factory.mktemp("codes") / "model", **CODES))
 
 
+@pytest.fixture(scope="module")
+def guided(tmp_path_factory: pytest.TempPathFactory) -> LiveModel:
+    """The same with guidance of gaze."""
+    gaze = LIVE_GAZE | {"guidance": {"time": 2.0, "location": 3.0}}
+    return LiveModel.load(write_live_model(tmp_path_factory.mktemp("guided") / "model", gaze=gaze))
+
+
 def streamed(
     live: LiveModel, sound: ndarray, sizes: list[int], seed: int = 4, controls: LiveControls | None = None
 ) -> StreamFrames:
@@ -59,6 +68,11 @@ def streamed(
         parts.append(stream.push(sound[start : start + size]))
         start, turn = start + size, turn + 1
     parts.append(stream.finish())
+    return joined(parts)
+
+
+def joined(parts: list[StreamFrames]) -> StreamFrames:
+    """Consecutive parts of a stream as one."""
     assert [part.first for part in parts] == np.cumsum([0, *(len(part) for part in parts[:-1])]).tolist()
     return StreamFrames(
         0, *(np.concatenate([getattr(part, name) for part in parts]) for name in ("head", "gaze", "lid"))
@@ -95,16 +109,70 @@ def test_codes_of_gaze_can_be_streamed_too(live: LiveModel, codes: LiveModel) ->
     assert codes.latency_s == pytest.approx(live.latency_s + 0.08)  # a code is two frames longer than a bin
 
 
-def test_a_guided_stream_is_what_the_whole_speech_gives(live: LiveModel, tmp_path: Path) -> None:
-    guided = LiveModel.load(
-        write_live_model(tmp_path / "model", gaze=LIVE_GAZE | {"guidance": {"time": 2.0, "location": 3.0}})
-    )
+def test_a_guided_stream_is_what_the_whole_speech_gives(live: LiveModel, guided: LiveModel) -> None:
     sound = speech()
     whole, plain = guided.generate_offline(sound, 4), live.generate_offline(sound, 4)
     for sizes in ([640], [1, 7000, 333, 0]):
         close(streamed(guided, sound, sizes), whole)
     np.testing.assert_array_equal(whole.head, plain.head)
     assert np.abs(whole.gaze - plain.gaze).max() > 1e-3
+
+
+@pytest.mark.parametrize("kind", ["live", "codes", "guided"])
+def test_streams_of_a_batch_are_as_alone(live: LiveModel, codes: LiveModel, guided: LiveModel, kind: str) -> None:
+    """Streams that begin and end at other times than others, with other seeds, chunks, controls and partners."""
+    model = {"live": live, "codes": codes, "guided": guided}[kind]
+    controls = [
+        LiveControls(),
+        LiveControls(gaze=GazeDirection(eye_contact=0.8)),
+        LiveControls("paper", Liveliness(2.0, 0.5, 1.0), GazeDirection(state="thinking")),
+        LiveControls(gaze=GazeDirection(target_m=(0.4, 0.1, 1.0))),
+        LiveControls(),
+    ]
+    sounds = [speech(SECONDS - 0.3 * row, seed=row) for row in range(5)]
+    partners = [None, None, speech(seed=9), None, speech(seed=8)]
+    streams = [model.stream(row, own) for row, own in enumerate(controls)]
+    parts: list[list[StreamFrames]] = [[] for _ in streams]
+    at = [-640 * 4 * row for row in range(5)]  # a later one begins later
+    while any(start < len(sound) for start, sound in zip(at, sounds, strict=True)):
+        rows = [row for row in range(5) if 0 <= at[row] < len(sounds[row])]
+        given = []
+        for row in rows:
+            now = slice(at[row], min(at[row] + 500 + 100 * row, len(sounds[row])))
+            partner = partners[row]
+            given.append(StreamSound(streams[row], sounds[row][now], None if partner is None else partner[now]))
+        for row, found in zip(rows, push_together(given), strict=True):
+            assert isinstance(found, StreamFrames)
+            parts[row].append(found)
+        at = [start + (500 + 100 * row if start >= 0 else 640) for row, start in enumerate(at)]
+    for row, (stream, sound, own) in enumerate(zip(streams, sounds, controls, strict=True)):
+        partner = partners[row]
+        heard = None if partner is None else partner[: len(sound)]
+        whole = model.generate_offline(sound, row, own, heard)
+        close(joined([*parts[row], stream.finish()]), whole)
+
+
+@pytest.mark.parametrize("stage", ["receive", "prosody", "network", "direct"])
+def test_a_stream_that_fails_ends_alone(live: LiveModel, stage: str) -> None:
+    sound = speech(1.0)
+    streams = [live.stream(seed) for seed in range(3)]
+    if stage == "prosody":
+        streams[1].prosody._lookahead_frames = None  # type: ignore[assignment]
+    if stage == "network":
+        object.__setattr__(streams[1].motion, "head", None)
+    if stage == "direct":
+        streams[1]._blinks = None  # type: ignore[assignment]
+    parts: list[list[StreamFrames]] = [[], []]
+    for start in range(0, len(sound), 1600):
+        chunk = sound[start : start + 1600]
+        given = [chunk, np.full(1600, np.nan) if stage == "receive" else chunk, chunk]
+        first, failed, last = push_together([StreamSound(*each) for each in zip(streams, given, strict=True)])
+        parts[0].append(first)
+        parts[1].append(last)
+    assert isinstance(failed, Exception)
+    for part, stream in zip(parts, (streams[0], streams[2]), strict=True):
+        seed = streams.index(stream)
+        close(joined([*part, stream.finish()]), live.generate_offline(sound, seed))
 
 
 def test_output_moves_and_depends_on_the_seed(live: LiveModel) -> None:
@@ -152,7 +220,7 @@ def test_a_longer_speech_begins_like_a_shorter_one(live: LiveModel) -> None:
 def test_dials(live: LiveModel) -> None:
     sound = speech()
     counts = [
-        len(live.sample_hour_of_blinks(1, LiveControls(liveliness=Liveliness(blinks=each)))) for each in (0.0, 1.0, 2.0)
+        len([*live.hour_of_blinks(1, LiveControls(liveliness=Liveliness(blinks=each)))]) for each in (0.0, 1.0, 2.0)
     ]
     assert counts[0] == 0
     assert 1.7 * counts[1] < counts[2] < 2.3 * counts[1]
@@ -253,11 +321,15 @@ class TestNetwork:
         embedding = torch.randn(61, len(live.network.speech.mean)) * 10 - 20
         expected = live.network.generate(embedding, [5])
         for part in (1, 3, 4, 61):
-            stream = MotionStream(live.network, 5)
-            found = [stream.push(each) for each in embedding.split(part)] + [stream.finish()]
+            streams, found = MotionStreams(live.network), []
+            state = streams.begin(5)
+            for each in embedding.split(part):
+                (step,) = streams.step([state], each[None])
+                state = step.state
+                found.append(step.motion)
+            joined = concat_motions([*found, streams.finish(state).motion])
             for name in ("head", "gaze"):
-                joined = torch.cat([getattr(each, name) for each in found], dim=1)
-                torch.testing.assert_close(joined, getattr(expected, name), atol=1e-5, rtol=0)
+                torch.testing.assert_close(getattr(joined, name), getattr(expected, name), atol=1e-5, rtol=0)
 
     def test_the_frames_ahead_are_those_that_count(self, live: LiveModel) -> None:
         torch.manual_seed(0)
@@ -272,10 +344,13 @@ class TestNetwork:
         torch.manual_seed(0)
         stack, x = ConvolutionStack(3, 8, 3, 0.0, lookahead=2), torch.randn(2, 40, 3)
         whole = stack(x)
-        for row in range(2):
-            stream, parts = stack.stream(), torch.nn.functional.pad(x[row], (0, 0, 0, 2)).split(5)
-            steps = [stream.step(part.numpy()) for part in parts]
-            np.testing.assert_allclose(np.concatenate(steps)[2:], whole[row].detach().numpy(), atol=1e-6, rtol=1e-5)
+        streaming, steps = stack.streaming(), []
+        past = np.stack([streaming.begin()] * 2)
+        for part in torch.nn.functional.pad(x, (0, 0, 0, 2)).split(5, dim=1):
+            features, past = streaming.step(past, part.numpy())
+            steps.append(features)
+        found = np.concatenate(steps, axis=1)[:, 2:]
+        np.testing.assert_allclose(found, whole.detach().numpy(), atol=1e-6, rtol=1e-5)
         changed = x.clone()
         changed[:, 20:] += 1
         assert torch.equal(stack(changed)[:, :18], whole[:, :18])

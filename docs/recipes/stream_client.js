@@ -30,7 +30,7 @@ export function openStream(url, request, onFrame) {
       const message = JSON.parse(data);
       if (message.error) fail(message.error);
       else if (message.frames && !message.end) message.frames.forEach((frame, at) => onFrame(message.first + at, frame));
-      else if (message.set) return;
+      else if (message.set || "behind_s" in message) return; // behind_s: how late frames are
       else if (message.end) ended?.resolve(message.frames);
       else {
         about = message; // { fps, latency_s, format, columns }

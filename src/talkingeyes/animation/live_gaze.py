@@ -125,6 +125,13 @@ class _Shift:
     half_vergence_rad: Float[ndarray, " 2"]
 
 
+def listener_offsets(head: Float[ndarray, "T 3"], gaze_in_space_rad: Float[ndarray, "T 2 2"]) -> Float[ndarray, "T 2"]:
+    """From the listener to the model's line of sight in each frame."""
+    listener = STRAIGHT_AHEAD.at(np.zeros(len(head)))
+    sight = line_of_sight.cyclopean_line_of_sight_rad(gaze_in_space_rad)
+    return np.asarray(sight - line_of_sight.target_direction_rad(head, listener))
+
+
 class LiveGaze:
     """Directs the frames of one stream, in order; `mean_head` is the model's mean pose."""
 
@@ -152,27 +159,24 @@ class LiveGaze:
         direction: GazeDirection,
         liveliness: float = 1.0,
         listening: Sequence[float | None] = (),
+        offsets_rad: Float[ndarray, "T 2"] | None = None,
     ) -> GazeTrajectory:
         """The next frames, directed; they are unchanged while nothing directs gaze or did shortly before.
 
         `liveliness` of gaze scales scanning saccades. `listening`: eye contact of a listener in each frame
-        (`live_listening.py`), which applies where nothing else directs gaze.
+        (`live_listening.py`), which applies where nothing else directs gaze. `offsets_rad`: `listener_offsets` of these
+        frames, which cost less for many streams together.
         """
-        offsets, self._scan_gain = self._offsets(trajectory), liveliness
+        self._scan_gain = liveliness
+        if offsets_rad is None:
+            offsets_rad = listener_offsets(trajectory.head, trajectory.gaze_in_space_rad)
         head, space = trajectory.head.copy(), trajectory.gaze_in_space_rad.copy()
-        for frame, offset in enumerate(offsets):
+        for frame, offset in enumerate(offsets_rad):
             self._distances.append(float(np.hypot(*offset)))
             contact_share = listening[frame] if listening and direction.state is None and direction.is_free else None
             wanted = direction if contact_share is None else GazeDirection(contact_share)
             head[frame], space[frame] = self._directed(head[frame], space[frame], offset, wanted)
         return replace(trajectory, head=head, gaze_in_space_rad=space)
-
-    @staticmethod
-    def _offsets(trajectory: GazeTrajectory) -> Float[ndarray, "T 2"]:
-        """From the listener to the model's line of sight."""
-        listener = STRAIGHT_AHEAD.at(trajectory.times_s)
-        sight = line_of_sight.cyclopean_line_of_sight_rad(trajectory.gaze_in_space_rad)
-        return np.asarray(sight - line_of_sight.target_direction_rad(trajectory.head, listener))
 
     def _directed(
         self,

@@ -4,16 +4,16 @@ The frame at time t is given as soon as the sound up to t + `latency_s` has come
 for prosody, 160 ms lookahead of its speech layers, 40 ms for the rest of a bin of gaze). The frames do not depend on
 how the sound is cut into chunks; they equal `LiveModel.generate_offline` (docs/live.md). Only the steps of
 `pipeline.CAUSAL_STEPS` apply, then nods (`live_nods.py`), and a state, eye contact and a target (`live_gaze.py`).
-Controls can be changed while the stream runs. Jaw and expression are neutral: no face model can be streamed yet.
+Controls can be changed while the stream runs, and many streams take one step (`live_stream.py`). Jaw and expression are
+neutral: no face model can be streamed yet.
 """
 
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import takewhile
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,7 @@ from talkingeyes.animation.listening_behaviour import FACE_TO_FACE, check_popula
 from talkingeyes.animation.live_gaze import GazeDirection, LiveGaze
 from talkingeyes.animation.live_listening import LiveListening
 from talkingeyes.animation.live_nods import LiveNods
+from talkingeyes.animation.live_stream import LiveStream
 from talkingeyes.animation.model_file import open_model
 from talkingeyes.animation.pipeline import CAUSAL_STEPS
 from talkingeyes.audio.encoder import EmbedSettings
@@ -40,29 +41,15 @@ from talkingeyes.core.containers import read_json, reading
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Blink, Motion
 from talkingeyes.core.settings import validate_section
-from talkingeyes.models.motion_stream import MotionStream, StreamingModules, concat_motions
-from talkingeyes.models.speech_to_motion import GeneratedMotion, SpeechToMotion
+from talkingeyes.models.motion_stream import MotionStreams, StreamingModules
+from talkingeyes.models.speech_to_motion import SpeechToMotion
 from talkingeyes.physiology import blinks, eye_head
 from talkingeyes.physiology.blinks import BlinkProfile
 from talkingeyes.training.motion_generators import NetworkGenerator, load_generator
 
 MAX_LATENCY_S = 0.4
 STRAIGHT_AHEAD_RAD = np.zeros(2)
-RAMP_S = 0.2  # in which a changed liveliness takes effect
 GAZE_STREAM, NOD_STREAM, LISTENING_STREAM = 1, 2, 3  # of the seeds
-
-
-@dataclass(frozen=True)
-class StreamFrames:
-    """Consecutive frames of a stream from frame number `first` on: head, eye-in-head and lids as in Motion."""
-
-    first: int
-    head: Float[ndarray, "T 3"]
-    gaze: Float[ndarray, "T 2 3"]
-    lid: Float[ndarray, "T 2"]
-
-    def __len__(self) -> int:
-        return len(self.head)
 
 
 @dataclass(frozen=True)
@@ -127,7 +114,7 @@ class LiveModel:
         if self.latency_s > MAX_LATENCY_S:
             raise InputError(f"{model}: should look at most {MAX_LATENCY_S:g} s ahead, got {self.latency_s:.3f} s")
 
-    @property
+    @cached_property
     def latency_s(self) -> float:
         """Seconds of sound after a frame that must have come before the frame is given."""
         return (
@@ -149,9 +136,10 @@ class LiveModel:
         """The frames of a stream, computed from the whole sound (and the partner's) at once."""
         features = StreamingProsody(self.embedding, self.fps).process_offline(sound)
         (own_seed,) = sample_seeds(seed, 1)
-        trajectory = self.apply_steps(
-            self.network.generate(self.embed(features), [own_seed]), controls.state_liveliness
-        )
+        generated = self.network.generate(self.embed(features), [own_seed])
+        head, gaze = (part[0].numpy().astype(np.float64) for part in (generated.head, generated.gaze))
+        trajectory = GazeTrajectory(self.fps, head, rotation.gaze_in_space(head, gaze), ())
+        trajectory = self.apply_steps(trajectory, controls.state_liveliness)
         if partner is not None:
             nods = self.live_nods(seed)
             nods.push(partner)
@@ -163,20 +151,30 @@ class LiveModel:
             listening.push(sound, partner)
             contact = listening.contact(len(trajectory.head))
         trajectory = self.live_gaze(seed).direct(trajectory, controls.gaze, controls.liveliness.gaze, contact)
-        sampled_blinks = self.sample_hour_of_blinks(seed, controls)
+        sampled_blinks = tuple(self.hour_of_blinks(seed, controls))
         closure = blinks.blink_closure(sampled_blinks, trajectory.times_s)
         space = hold_frames(trajectory.gaze_in_space_rad, closure >= SHUT_CLOSURE)
         eye = eye_head.clamp_to_eye_range(rotation.eye_in_head(trajectory.head, space))
         return Motion.of(self.fps, trajectory.head, eye, lid=np.repeat(closure[:, None], 2, axis=1))
 
-    def embed(self, features: Float[ndarray, "T 3"]) -> Float[Tensor, "T C"]:
+    def embed(self, features: Float[ndarray, "*B T 3"]) -> Float[Tensor, "*B T C"]:
         """The embedding that the network expects; channels that it does not use are zero."""
         speech = self.network.speech
-        embedding = torch.zeros(len(features), len(speech.mean))
-        embedding[:, speech.channel_indices] = torch.from_numpy(
-            features[:, [StreamingProsody.channels.index(n) for n in self.speech_channels]]
+        embedding = torch.zeros(*features.shape[:-1], len(speech.mean))
+        embedding[..., speech.channel_indices] = torch.from_numpy(
+            features[..., [StreamingProsody.channels.index(n) for n in self.speech_channels]]
         )
         return embedding
+
+    @cached_property
+    def motion_streams(self) -> MotionStreams:
+        """The network for streams; its weights are there once for all."""
+        return MotionStreams(self.network)
+
+    @property
+    def step_frames(self) -> int:
+        """Frames that a stream gives at once."""
+        return StreamingModules.of(self.network).gaze.step_frames
 
     @property
     def speech_channels(self) -> tuple[str, ...]:
@@ -193,18 +191,16 @@ class LiveModel:
 
     def live_listening(self, seed: int, controls: LiveControls) -> LiveListening:
         """Gaze of a stream while its partner speaks; the last frame of a bin of gaze comes with the first."""
-        known_s = self.latency_s - (StreamingModules.of(self.network).gaze.step_frames - 1) / self.fps
+        known_s = self.latency_s - (self.step_frames - 1) / self.fps
         return LiveListening(self.fps, known_s, controls.population, [seed, LISTENING_STREAM])
 
-    @property
+    @cached_property
     def mean_head(self) -> Float[ndarray, " 3"]:
         """The model's mean head pose."""
         return np.asarray(StreamingModules.of(self.network).head.normal.mean.numpy(), np.float64)
 
-    def apply_steps(self, generated: GeneratedMotion, liveliness: Liveliness) -> GazeTrajectory:
+    def apply_steps(self, trajectory: GazeTrajectory, liveliness: Liveliness) -> GazeTrajectory:
         """Apply the causal steps to generated frames; they scale about the model's mean pose and straight ahead."""
-        head, gaze = (part[0].numpy().astype(np.float64) for part in (generated.head, generated.gaze))
-        trajectory = GazeTrajectory(self.fps, head, rotation.gaze_in_space(head, gaze), ())
         context = AnimationContext(
             Controls(liveliness=liveliness), centre=MotionCentre(self.mean_head, STRAIGHT_AHEAD_RAD)
         )
@@ -212,142 +208,10 @@ class LiveModel:
             trajectory = step(trajectory, context)
         return trajectory
 
-    def sample_hour_of_blinks(self, seed: int, controls: LiveControls) -> tuple[Blink, ...]:
+    def hour_of_blinks(self, seed: int, controls: LiveControls) -> Iterator[Blink]:
         """The blinks of an hour, so that they do not depend on how long the speech turns out to be."""
         if controls.blinks not in self.blink_profiles:
             raise InputError(f"blinks: should be one of {', '.join(self.blink_profiles)}, got {controls.blinks}")
         profile, rng = self.blink_profiles[controls.blinks], np.random.default_rng([seed, 0])
         rate = blinks.sample_blink_rate(profile, rng) * controls.liveliness.blinks
-        return blinks.sample_blinks(profile, LONGEST_S, rng, rate_per_min=rate) if rate else ()
-
-
-class LiveStream:
-    """The state of one stream; sound that no later frame needs is dropped, so memory does not grow."""
-
-    def __init__(self, model: LiveModel, seed: int, controls: LiveControls) -> None:
-        self._model, self._seed = model, seed
-        self._controls, self._before = controls, controls.state_liveliness
-        self._changed_frame = -math.inf  # when liveliness was changed
-        self._gaze = model.live_gaze(seed)
-        self._blinks = deque(model.sample_hour_of_blinks(seed, controls))
-        self._motion = MotionStream(model.network, sample_seeds(seed, 1)[0])
-        self._prosody = StreamingProsody(
-            model.embedding, model.fps, block_frames=StreamingModules.of(model.network).gaze.step_frames
-        )
-        self._nods: LiveNods | None = None  # with a partner
-        self._listening = model.live_listening(seed, controls)
-        self._samples, self._frames = 0, 0
-        self._held_gaze: Float[ndarray, "2 2"] | None = None  # of the last frame
-        self._ended = False
-
-    def push(self, chunk: Float[ndarray, " N"], partner: Float[ndarray, " M"] | None = None) -> StreamFrames:
-        """Take the next 16 kHz samples and return the frames that are complete now, perhaps none.
-
-        `partner`: the same time of the partner's sound, which nods and gaze answer; with every chunk or with none.
-        Raises InputError for NaN, for more than an hour, after the end, and for a partner that does not fit.
-        """
-        if self._ended:
-            raise InputError("sound: the stream has ended; a new one should be begun, got more sound")
-        for name, sound in (("sound", chunk), ("partner", partner)):
-            if sound is not None and not np.isfinite(sound).all():
-                raise InputError(f"{name}: samples should be finite numbers, got NaN or infinite ones")
-        if self._samples + len(chunk) > LONGEST_S * SAMPLE_RATE:
-            raise InputError(f"sound: a stream should last at most {LONGEST_S:.0f} s, got more")
-        self._push_partner(chunk, partner)
-        self._samples += len(chunk)
-        patch = self._prosody.block_frames
-        features = self._prosody.push(chunk)
-        parts = [self._push_features(features[first : first + patch]) for first in range(0, len(features), patch)]
-        return self._add_blinks(parts)
-
-    def _push_partner(self, chunk: Float[ndarray, " N"], partner: Float[ndarray, " M"] | None) -> None:
-        """Take the partner's sound for a chunk."""
-        count = len(chunk)
-        given = 0 if partner is None else len(partner)
-        if partner is not None and given != count:
-            raise InputError(f"partner: should have as many samples as the sound, {count}, got {given}")
-        if (self._samples or self._nods) and (partner is None) != (self._nods is None):
-            raise InputError(f"partner: should come with every chunk of a stream or with none, got {given} samples")
-        if partner is not None:
-            self._nods = self._nods or self._model.live_nods(self._seed)
-            self._nods.push(partner)
-            self._listening.push(chunk, partner)
-
-    def change(self, liveliness: Liveliness | None = None, gaze: GazeDirection | None = None) -> int:
-        """Change controls for the frames that have not been given yet; returns the number of the first of them.
-
-        The liveliness of head and gaze takes effect over 0.2 s. Blinks stay as they were sampled.
-        """
-        before, old = self._liveliness(self._frames - 1), self._controls
-        self._controls = replace(old, liveliness=liveliness or old.liveliness, gaze=gaze or old.gaze)
-        if self._controls.state_liveliness != old.state_liveliness:
-            self._before, self._changed_frame = before, self._frames
-        return self._frames
-
-    def finish(self) -> StreamFrames:
-        """End the stream and return its remaining frames."""
-        self._ended = True
-        features = self._prosody.finish()
-        return self._add_blinks([self._push_features(features), self._motion.finish()])
-
-    def _push_features(self, features: Float[ndarray, "T 3"]) -> GeneratedMotion:
-        return self._motion.push(self._model.embed(features))
-
-    def _add_blinks(self, parts: list[GeneratedMotion]) -> StreamFrames:
-        """Apply the causal steps, add blinks, and hold gaze while the lids are shut."""
-        parts = [part for part in parts if part.head.shape[1]]
-        if not parts:
-            return StreamFrames(self._frames, np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros((0, 2)))
-        trajectory = self._add_nods(self._apply_steps(concat_motions(parts)))
-        contact = self._listening.contact(len(trajectory.head)) if self._nods else []
-        trajectory = self._gaze.direct(trajectory, self._controls.gaze, self._controls.liveliness.gaze, contact)
-        first = self._frames
-        self._frames += len(trajectory.head)
-        closure = self._closure(np.arange(first, self._frames) / self._model.fps)
-        space = hold_frames(trajectory.gaze_in_space_rad, closure >= SHUT_CLOSURE, self._held_gaze)
-        self._held_gaze = space[-1].copy()
-        eye = eye_head.clamp_to_eye_range(rotation.eye_in_head(trajectory.head, space))
-        return StreamFrames(first, trajectory.head, eye, np.repeat(closure[:, None], 2, axis=1))
-
-    def _apply_steps(self, generated: GeneratedMotion) -> GazeTrajectory:
-        """Apply the causal steps; frame by frame while a changed liveliness takes effect."""
-        frames = generated.head.shape[1]
-        if self._frames - self._changed_frame > RAMP_S * self._model.fps:
-            return self._model.apply_steps(generated, self._controls.state_liveliness)
-        parts = [
-            self._model.apply_steps(
-                GeneratedMotion(generated.head[:, frame : frame + 1], generated.gaze[:, frame : frame + 1]),
-                self._liveliness(self._frames + frame),
-            )
-            for frame in range(frames)
-        ]
-        head, space = (
-            np.concatenate([getattr(each, name) for each in parts]) for name in ("head", "gaze_in_space_rad")
-        )
-        return GazeTrajectory(self._model.fps, head, space, ())
-
-    def _add_nods(self, trajectory: GazeTrajectory) -> GazeTrajectory:
-        """Turn the head; gaze in space stays."""
-        if self._nods is None:
-            return trajectory
-        frames = np.arange(self._frames, self._frames + len(trajectory.head))
-        gain = np.array([[self._liveliness(frame).head] for frame in frames.tolist()])
-        nods = self._nods.rotation(frames / self._model.fps, self._controls.nods)
-        return replace(trajectory, head=trajectory.head + gain * nods)
-
-    def _liveliness(self, frame: int) -> Liveliness:
-        """Liveliness at a frame: the last change takes effect with minimum jerk."""
-        done = float(eye_head.minimum_jerk(np.array((frame - self._changed_frame + 1) / (RAMP_S * self._model.fps))))
-        before, after = self._before, self._controls.state_liveliness
-        head, gaze = (
-            (1.0 - done) * old + done * new for old, new in ((before.head, after.head), (before.gaze, after.gaze))
-        )
-        return replace(after, head=head, gaze=gaze)
-
-    def _closure(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
-        """Lid closure at each time; blinks that are over are dropped."""
-        if not len(times_s):
-            return np.zeros(0)
-        while self._blinks and blinks.end_s(self._blinks[0]) < times_s[0]:
-            self._blinks.popleft()
-        return blinks.blink_closure([*takewhile(lambda blink: blink.onset_s <= times_s[-1], self._blinks)], times_s)
+        return blinks.iterate_blinks(profile, LONGEST_S, rng, rate_per_min=rate) if rate else iter(())

@@ -2,13 +2,14 @@
 
 These are the three last channels of every embedding, available for a frame 37 ms after its time. An embedding
 normalises the level of a sound by all of its loud syllables. Here the level is estimated from the sound so far (the
-last 30 s), combined with a default level at the start. `whole` computes the same for a complete sound.
+last 30 s), combined with a default level at the start. `process_offline` does the same for a complete sound.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left, insort
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -88,46 +89,86 @@ class StreamingProsody:
 
     def push(self, chunk: Float[ndarray, " N"]) -> Float[ndarray, "T 3"]:
         """Features of the frames that are complete with this chunk."""
+        self.receive(chunk)
+        parts = [np.zeros((0, len(self.channels)), np.float32)]
+        while self.has_block:
+            parts += self.next_blocks([self])
+        return np.concatenate(parts)
+
+    def receive(self, chunk: Float[ndarray, " N"]) -> None:
+        """Keep a chunk for `next_blocks`."""
         self._sound = np.concatenate([self._sound, chunk.astype(np.float32, copy=False)])
         self._level.push(chunk)
-        stop = (self._samples_received() - self.lookahead_samples) // self._size + 1
-        parts = [np.zeros((0, len(self.channels)), np.float32)]
-        while self._frame + self.block_frames <= stop:
-            next_stop = self._frame + self.block_frames
-            # Later samples do not affect a frame; always using the same length gives bit-identical results.
-            span = (next_stop - 1 + self._lookahead_frames - self._first) * self._size
-            known = self._sound[:span]
-            parts.append(self._emit(next_stop, np.pad(known, (0, span - len(known)))))
-        return np.concatenate(parts)
+
+    @property
+    def has_block(self) -> bool:
+        """Whether the sound of the next block of frames has come."""
+        return self._next_stop <= (self._samples_received() - self.lookahead_samples) // self._size + 1
+
+    @property
+    def _next_stop(self) -> int:
+        """The frame after the next block."""
+        return self._frame + self.block_frames
+
+    @staticmethod
+    def next_blocks(streams: Sequence[StreamingProsody]) -> list[Float[ndarray, "T 3"]]:
+        """Features of the next block of each stream, all with the same settings and a block that `has_block`.
+
+        Windows are analysed as one long sound, for features of a frame need nothing beyond its window; but for those at
+        the start of a sound, which are alone.
+        """
+        windows = [each._window() for each in streams]
+        inner = [row for row, each in enumerate(streams) if each._first]
+        analysed = {row: each._analyse(windows[row]) for row, each in enumerate(streams) if not each._first}
+        if inner:
+            together = streams[inner[0]]._analyse(np.concatenate([windows[row] for row in inner]))
+            analysed |= dict(zip(inner, together.reshape(len(inner), -1, 3), strict=True))
+        found = [each._features(each._next_stop, analysed[row]) for row, each in enumerate(streams)]
+        for each in streams:  # only now, so that a step that fails can be taken again
+            each._drop_before(each._next_stop)
+        return found
 
     def finish(self) -> Float[ndarray, "T 3"]:
         """Features of the remaining frames; ends the stream."""
-        return self._emit(frame_count(self._samples_received(), self._fps), self._sound)
+        return self._features(frame_count(self._samples_received(), self._fps), self._analyse(self._sound))
 
     def process_offline(self, sound: Float[ndarray, " N"]) -> Float[ndarray, "T 3"]:
         """Features of a complete sound, equal to those of a stream."""
         level = RunningLevel()
         level.push(sound)
-        return self._features(sound, 0, level)
+        return self._normalise(self._analyse(sound), 0, level)
 
     def _samples_received(self) -> int:
         return self._first * self._size + len(self._sound)
 
-    def _emit(self, stop: int, sound: Float[ndarray, " N"]) -> Float[ndarray, "T 3"]:
-        """Emit the frames up to `stop` from the buffer, then drop samples that later frames do not need."""
-        emitted = self._features(sound, self._first, self._level)[self._frame - self._first : stop - self._first]
-        kept = max(stop - self._lookahead_frames - 1, self._first)
+    def _window(self) -> Float[ndarray, " N"]:
+        """The sound of the next block; always of the same length, so that results are bit-identical."""
+        span = (self._next_stop - 1 + self._lookahead_frames - self._first) * self._size
+        known = self._sound[:span]
+        return np.pad(known, (0, span - len(known)))
+
+    def _features(self, stop: int, analysed: Float[ndarray, "F 3"]) -> Float[ndarray, "T 3"]:
+        """Features of the frames up to `stop` from the analysis of the buffer."""
+        wanted = analysed[self._frame - self._first : stop - self._first]
+        return self._normalise(wanted, self._frame, self._level)
+
+    def _drop_before(self, stop: int) -> None:
+        """Drop the samples that frames from `stop` on do not need."""
+        kept = max(stop - self._lookahead_frames, self._first)
         self._sound = self._sound[(kept - self._first) * self._size :]
         self._first, self._frame = kept, stop
-        return emitted
 
-    def _features(self, sound: Float[ndarray, " N"], first: int, level: RunningLevel) -> Float[ndarray, "T 3"]:
-        """Features of a sound that starts at frame `first`, each normalised by the level known at its time."""
+    def _analyse(self, sound: Float[ndarray, " N"]) -> Float[ndarray, "T 3"]:
+        """Energy (dBFS), F0 (Hz) and voicing of each frame."""
         spoken = prosody(sound, self._fps, self._settings.prosody)
-        blocks = (first + np.arange(len(spoken.energy_dbfs))) * self._size // BLOCK_SAMPLES
+        return np.stack([spoken.energy_dbfs, spoken.f0_hz, spoken.voicing], axis=1)
+
+    def _normalise(self, analysed: Float[ndarray, "T 3"], first: int, level: RunningLevel) -> Float[ndarray, "T 3"]:
+        """Features of frames from `first` on, each normalised by the level known at its time."""
+        blocks = (first + np.arange(len(analysed))) * self._size // BLOCK_SAMPLES
         last = len(level.levels_dbfs) - 1
         known = [level.levels_dbfs[block] for block in np.minimum(blocks, last).tolist()]  # not all of an hour's levels
-        energy = spoken.energy_dbfs + (self._settings.level_dbfs - np.array(known))
-        octaves = np.nan_to_num(np.log2(spoken.f0_hz / F0_REFERENCE_HZ))
+        energy = analysed[:, 0] + (self._settings.level_dbfs - np.array(known))
+        octaves = np.nan_to_num(np.log2(analysed[:, 1] / F0_REFERENCE_HZ))
         floor = self._settings.prosody.energy_floor_dbfs
-        return np.stack([np.maximum(energy, floor), octaves, spoken.voicing], axis=1).astype(np.float32)
+        return np.stack([np.maximum(energy, floor), octaves, analysed[:, 2]], axis=1).astype(np.float32)

@@ -175,8 +175,8 @@ def serve(
     eyelid: Eyelid = None,
     look: Look = None,
     streams: Annotated[
-        int, typer.Option(min=1, max=1000, help="Maximum number of concurrent streams; more are refused.")
-    ] = 10,
+        int, typer.Option(min=1, max=1000, help="Maximum number of concurrent streams; fewer if they would be late.")
+    ] = 200,
     jobs: Annotated[int, typer.Option(min=1, max=256, help="Processes for live streams.")] = 2,
     files: Annotated[int, typer.Option(min=1, max=256, help="Files processed at once.")] = 1,
     max_seconds: Annotated[float, typer.Option(min=1, max=3600, help="Maximum duration of a file.")] = 60.0,

@@ -1,23 +1,26 @@
-"""Streaming generation: consumes the embedding of a few frames at a time and yields head and gaze.
+"""Streaming generation: embeddings of a few frames at a time in, head and gaze out, of many streams in one step.
 
-The result equals that of `SpeechToMotion.generate` for the whole embedding (up to rounding: tests/test_streaming.py),
-one gaze step at a time. The model must have limited lookahead (conf/model/talkingeyes_live.yaml): causal speech layers,
-the head `causal_vae`, and gaze without lookahead (`StreamableGazeGenerator`).
+The result of each stream equals that of `SpeechToMotion.generate` for the whole embedding (up to rounding:
+tests/test_streaming.py), one gaze step at a time. Small steps cost more in calls than in arithmetic, so a step of 25
+streams costs little more than that of 5. The model must have limited lookahead (conf/model/talkingeyes_live.yaml):
+causal speech layers, the head `causal_vae`, and gaze without lookahead (`StreamableGazeGenerator`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from numpy import ndarray
 from torch import Tensor
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.models.gaze.generator import GazeCondition, StreamableGazeGenerator
-from talkingeyes.models.head.causal_vae import CausalVAEHead
+from talkingeyes.models.head.causal_vae import CausalVAEHead, HeadState
 from talkingeyes.models.layers.convolution import ConvolutionStack
 from talkingeyes.models.speech_to_motion import GeneratedMotion, SpeechToMotion
 
@@ -57,60 +60,95 @@ class StreamingModules:
         return self.speech_lookahead + self.gaze.step_frames - 1
 
 
-class MotionStream:
-    """State of one stream with one seed."""
+@dataclass(frozen=True)
+class MotionState:
+    """A stream between two parts of its embedding. States are never changed: a step that fails can be taken again."""
 
-    def __init__(self, network: SpeechToMotion, seed: int, temperature: float | None = None) -> None:
+    speech: Float[ndarray, "V P W"]  # what the speech layers keep; with guidance, a second row of mean speech
+    frames_to_skip: int  # outputs before the first frame
+    pending: Float[ndarray, "V F S"]  # speech features of less than a step
+    head: HeadState
+    gaze: Any
+
+
+@dataclass(frozen=True)
+class MotionStep:
+    """What a stream gives for a part of its embedding, and the stream after it."""
+
+    state: MotionState
+    motion: GeneratedMotion
+
+
+class MotionStreams:
+    """The streams of one network, of which many take a step at once."""
+
+    def __init__(self, network: SpeechToMotion, temperature: float | None = None) -> None:
         self._network, parts = network, StreamingModules.of(network)
-        self._step, self._lookahead = parts.gaze.step_frames, parts.speech_lookahead
-        chosen = float(network.temperature) if temperature is None else temperature
-        # With guidance, the features of mean speech are a second row.
-        self._speech = [parts.speech.stream() for _ in range(1 + network.is_guided)]
-        self._head = parts.head.stream(seed)
-        self._gaze = parts.gaze.stream(seed, chosen)
-        self._frames_to_skip = self._lookahead  # outputs before the first frame
-        self._pending_features = torch.zeros(len(self._speech), 0, network.settings.speech.width)  # less than a step
+        self._step_frames, self._lookahead = parts.gaze.step_frames, parts.speech_lookahead
+        self._variants = 1 + network.is_guided
+        self._speech, self._head = parts.speech.streaming(), parts.head.streaming()
+        self._gaze = parts.gaze.streaming(float(network.temperature) if temperature is None else temperature)
+
+    def begin(self, seed: int) -> MotionState:
+        """A stream before its first frame."""
+        past = np.stack([self._speech.begin()] * self._variants)
+        pending = np.zeros((self._variants, 0, past.shape[2]), np.float32)
+        return MotionState(past, self._lookahead, pending, self._head.begin(seed), self._gaze.begin(seed))
 
     @torch.inference_mode()
-    def push(self, embedding: Float[Tensor, "T C"]) -> GeneratedMotion:
-        """Motion that can be generated now: whole steps, perhaps none. Chunks of equal length give bit-identical
-        results."""
-        return self._push_embedding(self._network.speech.standardise(embedding[None]))
+    def step(self, states: Sequence[MotionState], embedding: Float[Tensor, "B T C"]) -> list[MotionStep]:
+        """Motion that can be generated now: whole steps, perhaps none. Parts of equal length give the same result to
+        the bit for a stream alone, and to rounding among others."""
+        return self._step(states, self._network.speech.standardise(embedding))
 
     @torch.inference_mode()
-    def finish(self) -> GeneratedMotion:
+    def finish(self, state: MotionState) -> MotionStep:
         """The rest of the motion; the last step may be incomplete."""
         channels = self._network.speech.stack.input_projection.in_features
-        found = self._push_embedding(torch.zeros(1, self._lookahead, channels))
-        return (
-            concat_motions([found, self._generate_step(self._pending_features)])
-            if self._pending_features.shape[1]
-            else found
-        )
+        (found,) = self._step([state], torch.zeros(1, self._lookahead, channels))
+        if not (rest := found.state.pending.shape[1]):
+            return found
+        (last,) = self._generate([found.state], rest)
+        return MotionStep(last.state, concat_motions([found.motion, last.motion]))
 
-    def _push_embedding(self, standardise: Float[Tensor, "1 T H"]) -> GeneratedMotion:
-        if not standardise.shape[1]:
-            return concat_motions([])
-        frames = standardise[0].numpy()
-        inputs = (frames, np.zeros_like(frames))[: len(self._speech)]  # mean speech is zero
-        pairs = zip(self._speech, inputs, strict=True)
-        features = torch.stack([torch.from_numpy(stream.step(each)) for stream, each in pairs])
-        early = min(self._frames_to_skip, features.shape[1])
-        self._frames_to_skip -= early
-        self._pending_features = torch.cat([self._pending_features, features[:, early:]], dim=1)
-        parts = []
-        while self._pending_features.shape[1] >= self._step:
-            parts.append(self._generate_step(self._pending_features[:, : self._step]))
-            self._pending_features = self._pending_features[:, self._step :]
-        return concat_motions(parts)
+    def _step(self, states: Sequence[MotionState], standardised: Float[Tensor, "B T H"]) -> list[MotionStep]:
+        now = self._add_features(states, standardised.numpy()) if standardised.shape[1] else list(states)
+        parts: list[list[GeneratedMotion]] = [[] for _ in states]
+        while ready := [row for row, each in enumerate(now) if each.pending.shape[1] >= self._step_frames]:
+            for row, found in zip(ready, self._generate([now[row] for row in ready], self._step_frames), strict=True):
+                now[row] = found.state
+                parts[row].append(found.motion)
+        return [MotionStep(state, concat_motions(found)) for state, found in zip(now, parts, strict=True)]
 
-    def _generate_step(self, speech: Float[Tensor, "V P S"]) -> GeneratedMotion:
-        """Motion of one step, or of its beginning at the end of the stream."""
-        head = self._head.step(speech[:1])
-        mean = speech[1:] if self._network.is_guided else None
-        return GeneratedMotion(
-            head, self._gaze.step(GazeCondition(speech[:1], head, self._network.head.normal(head), mean))
-        )
+    def _add_features(self, states: Sequence[MotionState], standardised: Float[ndarray, "B T H"]) -> list[MotionState]:
+        """The streams with the speech features of a part of the embedding."""
+        past = np.stack([each.speech for each in states])
+        given = np.stack([standardised, np.zeros_like(standardised)][: self._variants], axis=1)  # mean speech is zero
+        features, kept = self._speech.step(past.reshape(-1, *past.shape[2:]), given.reshape(-1, *given.shape[2:]))
+        features = features.reshape(*past.shape[:2], *features.shape[1:])
+        after = []
+        for state, new, own in zip(states, features, kept.reshape(past.shape), strict=True):
+            early = min(state.frames_to_skip, new.shape[1])
+            pending = np.concatenate([state.pending, new[:, early:]], axis=1)
+            after.append(
+                replace(state, speech=own.copy(), frames_to_skip=state.frames_to_skip - early, pending=pending)
+            )
+        return after
+
+    def _generate(self, states: Sequence[MotionState], frames: int) -> list[MotionStep]:
+        """Motion of one step, or of its beginning at the end of a stream."""
+        speech = torch.from_numpy(np.stack([each.pending[:, :frames] for each in states], axis=1))
+        head, heads = self._head.step([each.head for each in states], speech[0])
+        mean = speech[1] if self._network.is_guided else None
+        condition = GazeCondition(speech[0], head, self._network.head.normal(head), mean)
+        gaze, gazes = self._gaze.step([each.gaze for each in states], condition)
+        return [
+            MotionStep(
+                replace(each, pending=each.pending[:, frames:], head=own_head, gaze=own_gaze),
+                GeneratedMotion(head[row : row + 1], gaze[row : row + 1]),
+            )
+            for row, (each, own_head, own_gaze) in enumerate(zip(states, heads, gazes, strict=True))
+        ]
 
 
 def concat_motions(parts: Sequence[GeneratedMotion]) -> GeneratedMotion:

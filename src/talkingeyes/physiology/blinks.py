@@ -9,7 +9,7 @@ same form. During lid closure the eyes rotate downwards and nasally (Collewijn e
 from __future__ import annotations
 
 from bisect import bisect
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -86,10 +86,23 @@ def sample_blinks(
     rate_per_min: float | None = None,
     full: float = COMPLETE_PROBABILITY,
 ) -> tuple[Blink, ...]:
+    """`iterate_blinks`, all of them."""
+    return tuple(iterate_blinks(profile, seconds, rng, annotation, rate_per_min, full))
+
+
+def iterate_blinks(
+    profile: BlinkProfile,
+    seconds: float,
+    rng: np.random.Generator,
+    annotation: Annotation | None = None,
+    rate_per_min: float | None = None,
+    full: float = COMPLETE_PROBABILITY,
+) -> Iterator[Blink]:
     """Sample blinks over `seconds`, at a rate from the profile unless given; `full` is the probability of full closure.
 
     A renewal process with gamma intervals after a refractory time, in time warped by the hazard from speech if the
-    profile is speech-dependent.
+    profile is speech-dependent. Each blink is sampled when it is asked for, so that a stream need not wait for those of
+    an hour.
     """
     rate = sample_blink_rate(profile, rng) if rate_per_min is None else rate_per_min
     mean_s = 60.0 / max(rate, 1e-6)
@@ -101,7 +114,12 @@ def sample_blinks(
     even_s = np.cumsum(steps_s) - warm_up_s
     even_s = even_s[(even_s >= 0) & (even_s < seconds)]
     onsets_s = _warp_times(even_s, seconds, annotation if profile.speech_dependent else None)
-    return drop_overlapping([sample_blink(profile, onset, rng, full) for onset in onsets_s])
+    end = -np.inf
+    for onset in onsets_s:
+        blink = sample_blink(profile, onset, rng, full)
+        if end <= blink.onset_s:
+            end = end_s(blink)
+            yield blink
 
 
 def sample_blink(

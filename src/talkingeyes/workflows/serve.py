@@ -26,7 +26,7 @@ from talkingeyes.workflows import convert
 LIVE_MODEL_NAME = "talkingeyes_live"
 PORT = 8030
 LIMITS = Limits(
-    streams=10,
+    streams=200,
     max_stream_s=900.0,
     files=1,
     max_speech_s=60.0,

@@ -125,7 +125,7 @@ class EyesRequest(Settings):
 class Limits:
     """Limits of the service."""
 
-    streams: int  # simultaneous streams
+    streams: int  # simultaneous streams, if their measured load allows so many
     max_stream_s: float  # maximum length of a stream
     files: int  # animations and exports computed at once; twice as many may wait
     max_speech_s: float  # maximum length of the speech in a file
@@ -141,3 +141,11 @@ class PoseChunk:
 
     count: int
     rows: bytes | str
+
+
+@dataclass(frozen=True)
+class StepReply:
+    """Reply of a worker to the requests of many streams: seconds of their step, and an answer or an error for each."""
+
+    step_s: float
+    answers: list[Any]

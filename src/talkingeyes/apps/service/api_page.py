@@ -42,6 +42,15 @@ class ServiceReply(BaseModel):
     max_megabytes: float = Field(description="of a file")
 
 
+class HealthReply(BaseModel):
+    """How live streams are doing."""
+
+    behind: bool = Field(description="whether frames are late")
+    streams: int
+    load: float = Field(description="share of time that the busiest process works on streams; 0.65 at most")
+    lateness_s: float = Field(description="99th percentile of how late frames are beyond latency_s")
+
+
 class ErrorReply(BaseModel):
     """A mistake, in one line."""
 

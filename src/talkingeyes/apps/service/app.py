@@ -5,6 +5,7 @@
     POST /performances/ID/faces/csv?blend=1&...   the body is face motion of another program (csv, csv.gz, json, glb,
                                     vrma, npz, npy); returns it with eyes for the sound of the animation
     WS /stream                      apps/service/live_stream.py
+    GET /health, /metrics           whether streams are in time (apps/service/stream_status.py)
     GET /docs, /openapi.json        the description of all this (apps/service/api_page.py)
 
 Errors return a status of 400 to 499 and {"error": one line}; overload returns 503. Clients do not choose file names:
@@ -14,6 +15,7 @@ ids are random, and all files are stored in the service's own folder.
 from __future__ import annotations
 
 import asyncio
+import os
 import secrets
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
@@ -23,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI, HTTPException, Request, Response
-from fastapi.responses import FileResponse, HTMLResponse, JSONResponse
+from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, PlainTextResponse
 from starlette.exceptions import HTTPException as HTTPError
 
 from talkingeyes.apps.service.animation_request import AnimationRequest, EyesRequest, Limits
@@ -32,12 +34,14 @@ from talkingeyes.apps.service.api_page import (
     DOWNLOAD_DOCS,
     PERFORM_DOCS,
     ErrorReply,
+    HealthReply,
     PerformanceReply,
     ServiceReply,
     api_page,
 )
 from talkingeyes.apps.service.live_stream import StreamServer
 from talkingeyes.apps.service.result_cache import ResultCache
+from talkingeyes.apps.service.stream_status import BEHIND_S, metrics_text, process_sizes
 from talkingeyes.apps.service.worker_pool import BusyError, WorkerFailedError, WorkerPool
 from talkingeyes.apps.viewer.assets import ASSETS_FOLDER as VIEWER_FOLDER
 from talkingeyes.apps.viewer.assets import Asset, read_assets
@@ -79,7 +83,7 @@ def service_app(
     resources: ServiceResources, limits: Limits, folder: Path, host: str, stream_origins: Sequence[str] = ()
 ) -> FastAPI:
     """The application; `folder` must be empty and is used by the service alone."""
-    app = create_app(host, stream_origins)
+    app = create_app(host, stream_origins, limits.idle_timeout_s)
     result_cache, streams = ResultCache(folder, limits.max_results), StreamServer(resources.stream_workers, limits)
 
     @asynccontextmanager
@@ -90,12 +94,14 @@ def service_app(
         for task, workers in zip(warming, processes, strict=True):
             task.cancel()
             await workers.stop()
+        await streams.stop()
 
     app.router.lifespan_context = lifespan
     app.title, app.version, app.description = "TalkingEyes", version("talkingeyes"), DESCRIPTION
     _register_error_handlers(app)
     _files(app, resources, limits, result_cache)
     app.add_api_websocket_route("/stream", streams.serve)
+    _status(app, streams)
     _pages(app, resources, limits)
     return app
 
@@ -189,18 +195,42 @@ async def _body(request: Request, limits: Limits, what: str, refused: tuple[str,
     if claimed.isdigit() and int(claimed) > limits.max_upload_bytes:
         raise too_big
     body = bytearray()
-    parts = request.stream().__aiter__()
     try:
         async with asyncio.timeout(limits.work_timeout_s):
-            while True:
-                async with asyncio.timeout(limits.idle_timeout_s):
-                    body += await anext(parts)
+            async for part in request.stream():
+                body += part
                 if len(body) > limits.max_upload_bytes:
                     raise too_big
-    except StopAsyncIteration:
-        return bytes(body)
     except TimeoutError:
-        raise HTTPException(408, f"no data received for {limits.idle_timeout_s:g} s") from None
+        raise HTTPException(408, f"a file should come within {limits.work_timeout_s:g} s") from None
+    return bytes(body)
+
+
+def _status(app: FastAPI, streams: StreamServer) -> None:
+    def gauges() -> dict[str, float | dict[str, float]]:
+        status = streams.status
+        pids = [os.getpid(), *(pid for each in streams.steps if (pid := each.worker.pid))]
+        return {
+            "streams": sum(each.streams for each in streams.steps),
+            "load": {f'{{worker="{index}"}}': each.load for index, each in enumerate(streams.steps)},
+            "lateness_seconds": {f'{{quantile="{share:g}"}}': late for share, late in status.lateness_s().items()},
+            "waiting_seconds": status.waiting_s,
+            "streams_ended": {f'{{code="{code}"}}': count for code, count in sorted(status.ended.items())},
+            **process_sizes(pids),
+        }
+
+    @app.get("/health", summary="Whether streams are in time", response_description="Streams, load and lateness")
+    async def health() -> HealthReply:
+        return HealthReply(
+            behind=(late := streams.status.lateness_s()[0.99]) > BEHIND_S,
+            streams=sum(each.streams for each in streams.steps),
+            load=round(max(each.load for each in streams.steps), 3),
+            lateness_s=round(late, 3),
+        )
+
+    @app.get("/metrics", summary="The same for Prometheus, with memory", response_class=PlainTextResponse)
+    async def metrics() -> str:
+        return metrics_text(gauges())
 
 
 def _pages(app: FastAPI, resources: ServiceResources, limits: Limits) -> None:

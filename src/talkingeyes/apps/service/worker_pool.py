@@ -40,6 +40,11 @@ class Worker:
         self._lock = asyncio.Lock()
         self.users = 0
 
+    @property
+    def pid(self) -> int | None:
+        """Number of the process, None before its start."""
+        return None if self._process is None else self._process.pid
+
     async def call(self, message: Any, limit_s: float) -> Any:
         """Send a message and return the answer.
 
@@ -90,10 +95,10 @@ class Worker:
 
 
 class WorkerPool:
-    """Several workers: any of them may process a single request; a stream keeps one worker."""
+    """Several workers, of which any may process a request; streams keep theirs (stream_steps.py)."""
 
     def __init__(self, factory: str, arguments: Sequence[str], count: int, waiting: int, temporary: Path) -> None:
-        self._all = [Worker(factory, arguments, temporary) for _ in range(count)]
+        self.workers = [Worker(factory, arguments, temporary) for _ in range(count)]
         self._free = asyncio.Semaphore(count)
         self._capacity = count + waiting
 
@@ -112,7 +117,7 @@ class WorkerPool:
     @asynccontextmanager
     async def least_busy(self) -> AsyncIterator[Worker]:
         """The worker with the fewest users."""
-        worker = min(self._all, key=lambda each: each.users)
+        worker = min(self.workers, key=lambda each: each.users)
         worker.users += 1
         try:
             yield worker
@@ -121,9 +126,9 @@ class WorkerPool:
 
     async def warm_up(self) -> None:
         """Start all processes, so that the first requests do not wait for a model to load."""
-        await asyncio.gather(*(worker.call(None, 0.0) for worker in self._all), return_exceptions=True)
+        await asyncio.gather(*(worker.call(None, 0.0) for worker in self.workers), return_exceptions=True)
 
     async def stop(self) -> None:
         """Kill all processes."""
-        for worker in self._all:
+        for worker in self.workers:
             await worker.stop()

@@ -1,17 +1,18 @@
 """Common parts of all local servers.
 
 They accept only the host names of this machine (protection against DNS rebinding) and no requests from pages of other
-sites, load nothing from other sites, and disable caches and access logs. A server that other machines can reach
-requires the access token of the printed URL; the browser then keeps it in a cookie.
+sites, load nothing from other sites, end requests that stall, and disable caches and access logs. A server that other
+machines can reach requires the access token of the printed URL; the browser then keeps it in a cookie.
 """
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import secrets
 import socket
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from talkingeyes.apps.viewer.assets import Asset
@@ -19,9 +20,11 @@ from talkingeyes.core.errors import InputError
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
+    from starlette.responses import Response
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LOCALHOST = "127.0.0.1"
+REQUEST_TIMEOUT_S = 10.0  # time limit for the head of a request, and for each next part of its body
 MAX_MESSAGE_BYTES = 1 << 17  # maximum WebSocket message; a longer one closes the socket
 LOOPBACK_HOSTS = (LOCALHOST, "localhost", "::1", "[::1]")
 ANY_ADDRESS = ("0.0.0.0", "::")
@@ -35,16 +38,22 @@ SECURITY_HEADERS = {
 }
 
 
-def create_app(host: str = LOCALHOST, stream_origins: Sequence[str] = ()) -> FastAPI:
+def create_app(
+    host: str = LOCALHOST, stream_origins: Sequence[str] = (), body_timeout_s: float = REQUEST_TIMEOUT_S
+) -> FastAPI:
     """An application without pages that answers requests to `host` or this machine.
 
-    Pages of `stream_origins` (http://host:port) may open WebSockets, and nothing else. `app.state.access_token` is the
+    Pages of `stream_origins` (http://host:port) may open WebSockets, and nothing else. A body of which no part comes
+    for `body_timeout_s` is answered with 408. `app.state.access_token` is the
     token that requests must have, None on the loopback interface.
     """
     from fastapi import FastAPI
     from starlette.middleware.trustedhost import TrustedHostMiddleware
+    from starlette.requests import ClientDisconnect
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    app.add_exception_handler(ClientDisconnect, _gone)
+    app.add_middleware(BodyTimeoutMiddleware, seconds=body_timeout_s)
     app.state.access_token = None if host in LOOPBACK_HOSTS else secrets.token_urlsafe(16)
     if app.state.access_token:
         app.add_middleware(AccessMiddleware, token=app.state.access_token)
@@ -54,6 +63,13 @@ def create_app(host: str = LOCALHOST, stream_origins: Sequence[str] = ()) -> Fas
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=_host_names(host), www_redirect=False)
     app.add_middleware(SecurityHeadersMiddleware)
     return app
+
+
+async def _gone(_: Any, __: Exception) -> Response:
+    """The answer to a client that has left before its request was complete, which nobody reads."""
+    from starlette.responses import Response
+
+    return Response(status_code=400)
 
 
 def serve_files(app: FastAPI, files: Mapping[str, Asset]) -> None:
@@ -103,6 +119,30 @@ class SecurityHeadersMiddleware:
             await send(message)
 
         await self.app(scope, receive, send_with_headers)
+
+
+class BodyTimeoutMiddleware:
+    """Raises 408 where a handler waits for a body of which no part comes."""
+
+    def __init__(self, app: ASGIApp, seconds: float) -> None:
+        self.app, self.seconds = app, seconds
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        from starlette.exceptions import HTTPException
+
+        is_complete = scope["type"] != "http"
+
+        async def receive_in_time() -> Message:
+            nonlocal is_complete
+            try:
+                async with asyncio.timeout(None if is_complete else self.seconds):
+                    message = await receive()
+            except TimeoutError:
+                raise HTTPException(408, f"no data received for {self.seconds:g} s") from None
+            is_complete = is_complete or not message.get("more_body", False)
+            return message
+
+        await self.app(scope, receive_in_time, send)
 
 
 class SameOriginMiddleware:
@@ -162,6 +202,38 @@ async def _refuse(scope: Scope, receive: Receive, send: Send, reason: str) -> No
         await JSONResponse({"error": reason, "detail": reason}, 403)(scope, receive, send)
 
 
+def _timed_protocol() -> type[asyncio.Protocol]:
+    """HTTP/1.1 of uvicorn, which waits for a half-sent head of a request for ever, with a time limit for it."""
+    import h11
+    from uvicorn.protocols.http.h11_impl import H11Protocol
+
+    class TimedProtocol(H11Protocol):
+        head_timer: asyncio.TimerHandle | None = None
+
+        def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+            super().connection_made(transport)
+            self.watch_head()
+
+        def handle_events(self) -> None:
+            super().handle_events()
+            self.watch_head()
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            if self.head_timer:
+                self.head_timer.cancel()
+            super().connection_lost(exc)
+
+        def watch_head(self) -> None:
+            waits = self.conn.their_state is h11.IDLE
+            if waits and self.head_timer is None:
+                self.head_timer = self.loop.call_later(REQUEST_TIMEOUT_S, self.transport.close)
+            elif not waits and self.head_timer is not None:
+                self.head_timer.cancel()
+                self.head_timer = None
+
+    return TimedProtocol
+
+
 def serve(app: FastAPI, host: str, port: int, on_start: Callable[[str], None], path: str = "/") -> None:
     """Serve until interrupted; `on_start` is called with the URL. Port 0 selects a free one. Raises InputError if it is
     in use."""
@@ -180,6 +252,11 @@ def serve(app: FastAPI, host: str, port: int, on_start: Callable[[str], None], p
         with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C ends the server
             # No pings: the service disconnects idle clients itself, and a busy machine answers pings late.
             config = uvicorn.Config(
-                app, log_level="warning", access_log=False, ws_max_size=MAX_MESSAGE_BYTES, ws_ping_interval=None
+                app,
+                http=_timed_protocol(),
+                log_level="warning",
+                access_log=False,
+                ws_max_size=MAX_MESSAGE_BYTES,
+                ws_ping_interval=None,
             )
             uvicorn.Server(config).run(sockets=[listener])

@@ -9,6 +9,7 @@ codes, are inputs.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -33,6 +34,7 @@ from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.categorical_sampling import sample_categorical
 from talkingeyes.models.layers.quantiser import squared_distances
 from talkingeyes.models.layers.transformer import Cache, CausalTransformer, CrossAttentionWindow, TransformerSettings
+from talkingeyes.models.layers.uniform_rows import UniformRows
 
 
 class CategoricalGazeSettings(ComponentSettings):
@@ -138,9 +140,9 @@ class CategoricalGaze(nn.Module):
         """Whether a code depends on later speech and head motion."""
         return self.settings.condition_lookahead > 0
 
-    def stream(self, seed: int, temperature: float) -> CategoricalGazeStream:
-        """A stream that yields the result of `sample` code by code."""
-        return CategoricalGazeStream(self, seed, temperature)
+    def streaming(self, temperature: float) -> StreamingCategoricalGaze:
+        """Gaze for streams, which yield the result of `sample` code by code."""
+        return StreamingCategoricalGaze(self, temperature)
 
     def start(
         self, batch: int, memory: Float[Tensor, "B N W"] | None = None, lengths: Int[Tensor, " B"] | None = None
@@ -241,20 +243,38 @@ class CategoricalGaze(nn.Module):
         return logits + barred
 
 
-class CategoricalGazeStream:
-    """Gaze of one seed, code by code."""
+@dataclass(frozen=True)
+class CodeStream:
+    """A stream between two codes: the next code, its uniform numbers, and the state of the decoder."""
 
-    def __init__(self, gaze: CategoricalGaze, seed: int, temperature: float) -> None:
-        self._gaze, self._temperature, self._run = gaze, temperature, gaze.start(1)
-        self._uniform = torch.Generator().manual_seed(seed + SEED_OFFSET)
+    code: int
+    uniform: UniformRows
+    run: DecoderState
 
-    def step(self, condition: GazeCondition) -> Float[Tensor, "1 T 2 3"]:
-        """Frames of the next code; fewer at the end of the stream."""
-        gaze, memory = self._gaze, self._gaze.memory(condition)
-        gaze.transformer.append_memory(memory, self._run.cache)
-        uniform = torch.rand(1, generator=self._uniform)
-        signal = gaze.advance(self._run, memory, uniform, self._temperature)[:, : condition.speech.shape[1]]
-        return to_gaze_tensor(gaze.codebook.settings.signal, condition.head, signal)
+
+class StreamingCategoricalGaze:
+    """Gaze of streams, code by code; one stream after the other, as their pasts differ in length."""
+
+    def __init__(self, gaze: CategoricalGaze, temperature: float) -> None:
+        self._gaze, self._temperature = gaze, temperature
+
+    def begin(self, seed: int) -> CodeStream:
+        """A stream before its first code."""
+        uniform = UniformRows(torch.Generator().manual_seed(seed + SEED_OFFSET), 1)
+        return CodeStream(0, uniform, self._gaze.start(1))
+
+    def step(
+        self, states: Sequence[CodeStream], condition: GazeCondition
+    ) -> tuple[Float[Tensor, "B T 2 3"], list[CodeStream]]:
+        """Frames of the next code of each stream (fewer at its end), and the streams after them."""
+        gaze, memory, signals, after = self._gaze, self._gaze.memory(condition), [], []
+        for each, own in zip(states, memory.split(1), strict=True):
+            run = deepcopy(each.run)
+            gaze.transformer.append_memory(own, run.cache)
+            uniform = each.uniform.rows(each.code, each.code + 1)[0]
+            signals.append(gaze.advance(run, own, uniform, self._temperature)[:, : condition.speech.shape[1]])
+            after.append(CodeStream(each.code + 1, each.uniform, run))
+        return to_gaze_tensor(gaze.codebook.settings.signal, condition.head, torch.cat(signals)), after
 
 
 def stay_mask(codebook: GazeVQVAE, signal: Float[Tensor, "B T F"]) -> Bool[Tensor, "B N"]:

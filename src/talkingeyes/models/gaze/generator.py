@@ -98,12 +98,15 @@ class GazeLikelihood(Protocol):
         ...
 
 
-@runtime_checkable
-class GazeStream(Protocol):
-    """State of one stream of gaze."""
+class StreamingGaze(Protocol):
+    """A gaze generator for streams, whose states are never changed: a step that fails can be taken again."""
 
-    def step(self, condition: GazeCondition) -> Float[Tensor, "1 T 2 3"]:
-        """Eye-in-head of the next `step_frames` frames; fewer at the end of the stream."""
+    def begin(self, seed: int) -> Any:
+        """The state of a stream before its first frame."""
+        ...
+
+    def step(self, states: Sequence[Any], condition: GazeCondition) -> tuple[Float[Tensor, "B T 2 3"], list[Any]]:
+        """Eye-in-head of the next `step_frames` frames of each stream (fewer at its end), and the states after them."""
         ...
 
 
@@ -121,8 +124,8 @@ class StreamableGazeGenerator(Protocol):
         """Whether the configured generator uses input after the current step; if so, it cannot be streamed."""
         ...
 
-    def stream(self, seed: int, temperature: float) -> GazeStream:
-        """A new stream, which yields the result of `sample`."""
+    def streaming(self, temperature: float) -> StreamingGaze:
+        """The generator for streams, which yield the result of `sample`."""
         ...
 
 

@@ -8,6 +8,8 @@ rate. A process without lookahead (conf/model/talkingeyes_live.yaml) can be samp
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -32,6 +34,7 @@ from talkingeyes.models.layers.point_process import (
     bin_means,
 )
 from talkingeyes.models.layers.point_process_sampler import make_sampler, sample_events
+from talkingeyes.models.layers.uniform_rows import UniformRows
 
 # Gaze moves in frames with a step of at least MIN_STEP_RAD; saccades smaller than MIN_AMPLITUDE_RAD are ignored.
 MIN_STEP_RAD = np.radians(0.2)
@@ -136,9 +139,9 @@ class PointProcessGaze(nn.Module):
         """Whether an event depends on speech and head after its bin."""
         return self.process.condition_encoder.lookahead != 0
 
-    def stream(self, seed: int, temperature: float) -> PointProcessGazeStream:
-        """A stream that yields the result of `sample` bin by bin."""
-        return PointProcessGazeStream(self, seed, temperature)
+    def streaming(self, temperature: float) -> StreamingPointProcess:
+        """Gaze for streams, which yield the result of `sample` bin by bin."""
+        return StreamingPointProcess(self, temperature)
 
     def to_radians(self, locations: Float[ndarray, "*K 3"]) -> Float[ndarray, "*K 3"]:
         """Locations in radians, normalisation undone."""
@@ -173,33 +176,75 @@ def saccade_landings(gaze: Float[Tensor, "B T 3"]) -> SaccadeLandings:
     return SaccadeLandings(starts & far, landing)
 
 
-class PointProcessGazeStream:
-    """Gaze of one seed, bin by bin. The frames of a bin do not depend on later events."""
+@dataclass(frozen=True)
+class EventStream:
+    """A stream between two bins: the next bin, its uniform numbers, the past of the condition (with guidance of both
+    variants), the state of the sampler and the saccades so far (None before the first bin)."""
 
-    def __init__(self, gaze: PointProcessGaze, seed: int, temperature: float) -> None:
+    bin: int
+    uniform: UniformRows
+    past: Float[ndarray, "V P W"]
+    run: SamplerState | None = None
+    chain: SaccadeSequence | None = None
+
+
+class StreamingPointProcess:
+    """Gaze of many streams, bin by bin. The frames of a bin do not depend on later events."""
+
+    def __init__(self, gaze: PointProcessGaze, temperature: float) -> None:
         self._gaze, self._sampler = gaze, make_sampler(gaze.process, temperature, gaze.guidance)
-        encoder = gaze.process.condition_encoder
-        self._condition_encoders = [encoder.stream() for _ in range(1 + gaze.is_guided)]  # of `variants`
-        self._uniform = torch.Generator().manual_seed(seed + SEED_OFFSET)
-        self._bin = 0
-        self._run: SamplerState | None = None
-        self._chain: SaccadeSequence | None = None
+        self._condition_encoder = gaze.process.condition_encoder.streaming()
 
-    def step(self, condition: GazeCondition) -> Float[Tensor, "1 T 2 3"]:
-        """Frames of the next bin; fewer at the end of the stream."""
+    def begin(self, seed: int) -> EventStream:
+        """A stream before its first bin."""
+        uniform = UniformRows(torch.Generator().manual_seed(seed + SEED_OFFSET), len(LOCATION_SPREAD) + 3)
+        return EventStream(0, uniform, np.stack([self._condition_encoder.begin()] * (1 + self._gaze.is_guided)))
+
+    def step(
+        self, states: Sequence[EventStream], condition: GazeCondition
+    ) -> tuple[Float[Tensor, "B T 2 3"], list[EventStream]]:
+        """Frames of the next bin of each stream (fewer at its end), and the streams after them."""
+        past = np.stack([each.past for each in states])
+        binned = np.stack(
+            [self._gaze.binned_condition(each).numpy() for each in self._gaze.variants(condition)], axis=1
+        )
+        encoded, kept = self._condition_encoder.step(
+            past.reshape(-1, *past.shape[2:]), binned.reshape(-1, *binned.shape[2:])
+        )
+        encoded = encoded.reshape(*past.shape[:2], -1).swapaxes(0, 1)  # variant, stream
+        uniform = torch.cat([each.uniform.rows(each.bin, each.bin + 1) for each in states]).numpy()
+        runs, chains = self._sample(states, encoded, uniform)
+        frames = condition.head.shape[1]
+        firsts = [each.bin * self._gaze.bin_frames for each in states]
+        times_s = (np.array(firsts)[:, None] + np.arange(frames)) / self._gaze.fps
+        signal = np.stack([chain.at(times) for chain, times in zip(chains, times_s, strict=True)])
+        for chain, times in zip(chains, times_s, strict=True):
+            chain.discard_before(times[-1])
+        after = [
+            EventStream(each.bin + 1, each.uniform, own.copy(), run, chain)
+            for each, own, run, chain in zip(states, kept.reshape(past.shape), runs, chains, strict=True)
+        ]
+        return _eyes(condition.head, signal), after
+
+    def _sample(
+        self, states: Sequence[EventStream], encoded: Float[ndarray, "V B W"], uniform: Float[ndarray, "B U"]
+    ) -> tuple[list[SamplerState], list[SaccadeSequence]]:
+        """Sampler and saccades of each stream after the next bin."""
         gaze = self._gaze
-        uniform = torch.rand(1, len(LOCATION_SPREAD) + 3, generator=self._uniform).numpy()
-        binned = [gaze.binned_condition(each)[0].numpy() for each in gaze.variants(condition)]
-        pairs = zip(self._condition_encoders, binned, strict=True)
-        encoded_condition = np.stack([encoder.step(each) for encoder, each in pairs])
-        if self._run is None or self._chain is None:
-            self._run = self._sampler.begin(encoded_condition, uniform)
-            self._chain = SaccadeSequence(gaze.to_radians(self._run.location[0]))
-        elif self._sampler.advance(self._run, encoded_condition, uniform).any():
-            onset_s = (self._bin + uniform[:, 1]) * gaze.bin_frames / gaze.fps
-            self._chain.add_saccades(onset_s, gaze.to_radians(self._run.location))
-        first, self._bin = self._bin * gaze.bin_frames, self._bin + 1
-        times_s = np.arange(first, first + condition.head.shape[1]) / gaze.fps
-        signal = self._chain.at(times_s)[None]
-        self._chain.discard_before(times_s[-1])
-        return _eyes(condition.head, signal)
+        is_new = np.array([each.run is None for each in states])
+        new, old = np.flatnonzero(is_new), np.flatnonzero(~is_new)
+        runs: dict[int, SamplerState] = {}
+        chains = {row: copy(each.chain) for row, each in enumerate(states) if each.chain is not None}
+        if len(new):
+            begun = self._sampler.begin(encoded[:, new], uniform[new])
+            runs |= dict(zip(new.tolist(), begun.rows(), strict=True))
+            chains |= {row: SaccadeSequence(gaze.to_radians(runs[row].location[0])) for row in new.tolist()}
+        if len(old):
+            run = SamplerState.concat([each.run for each in states if each.run is not None])
+            events = old[self._sampler.advance(run, encoded[:, old], uniform[old])].tolist()
+            runs |= dict(zip(old.tolist(), run.rows(), strict=True))
+            for row in events:
+                onset_s = (states[row].bin + uniform[row, 1:2]) * gaze.bin_frames / gaze.fps
+                chains[row].add_saccades(onset_s, gaze.to_radians(runs[row].location))
+        rows = range(len(states))
+        return [runs[row] for row in rows], [chains[row] for row in rows]

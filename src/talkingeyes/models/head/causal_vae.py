@@ -7,11 +7,13 @@ normal CDF, so that the codes of a longer speech start with the codes of a short
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
+import numpy as np
 import torch
 from jaxtyping import Float
+from numpy import ndarray
 from pydantic import Field
 from torch import Tensor, nn
 
@@ -21,6 +23,7 @@ from talkingeyes.models.head.vae import VAEHead, VAEHeadSettings
 from talkingeyes.models.layers.conditional_vae import VAESettings
 from talkingeyes.models.layers.convolution import ConvolutionStack
 from talkingeyes.models.layers.normaliser import MotionNormaliser
+from talkingeyes.models.layers.uniform_rows import UniformRows
 
 
 class CausalVAEHeadSettings(VAESettings, ComponentSettings):
@@ -35,24 +38,13 @@ class CausalVAEHeadSettings(VAESettings, ComponentSettings):
     gain: Annotated[float, Field(gt=0)]
 
 
-@dataclass
-class _LatentState:
-    """Latent codes sampled so far for a batch: the index of the next frame, and the codes from index `first` on."""
+@dataclass(frozen=True)
+class HeadState:
+    """A stream between two frames: the next frame, the uniform numbers of its codes, what the decoder keeps."""
 
-    generators: Sequence[torch.Generator]
-    frame: int = 0
-    first: int = 0
-    codes: list[Float[Tensor, "B Z"]] = field(default_factory=list)
-
-    @classmethod
-    def of(cls, seeds: Sequence[int]) -> _LatentState:
-        """The state before the first frame."""
-        return cls([torch.Generator().manual_seed(seed) for seed in seeds])
-
-    @property
-    def next_code(self) -> int:
-        """Index of the code that is sampled next."""
-        return self.first + len(self.codes)
+    frame: int
+    codes: UniformRows
+    past: Float[ndarray, "P W"]
 
 
 class CausalVAEHead(nn.Module):
@@ -85,7 +77,8 @@ class CausalVAEHead(nn.Module):
 
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
         """Sample head motion with codes from the prior, one seed per row."""
-        codes = self.interpolate_latents(_LatentState.of(seeds), speech.shape[1])
+        rows = [self.uniform_codes(seed) for seed in seeds]
+        codes = self.interpolate_latents(rows, [0] * len(seeds), speech.shape[1])
         decoder_input = torch.cat([codes.to(speech), speech], dim=-1)
         return self.decoded_head(self.decoder(decoder_input))
 
@@ -93,45 +86,54 @@ class CausalVAEHead(nn.Module):
         """Head rotation vectors of features of the decoder."""
         return self.normal.denormalise(self.settings.gain * self.vae_head.vae.out(features))
 
-    def stream(self, seed: int) -> HeadStream:
-        """A stream that yields the result of `sample` part by part."""
-        return HeadStream(self, seed)
+    def streaming(self) -> StreamingHead:
+        """The head for streams, which yield the result of `sample` part by part."""
+        return StreamingHead(self)
 
     @property
     def decoder(self) -> ConvolutionStack:
         """The decoder of latent codes and speech."""
         return self.vae_head.vae.decoder
 
-    def interpolate_latents(self, latent_state: _LatentState, frames: int) -> Float[Tensor, "B T Z"]:
-        """Codes at their centres, interpolated to the next frames at constant variance (as in ConditionalVAE)."""
-        span = self.settings.latent_frames
-        place = ((torch.arange(latent_state.frame, latent_state.frame + frames) + 0.5) / span - 0.5).clamp(min=0)
+    def uniform_codes(self, seed: int) -> UniformRows:
+        """The uniform numbers that the codes of a seed are drawn from."""
+        return UniformRows(torch.Generator().manual_seed(seed), self.settings.latent)
+
+    def interpolate_latents(
+        self, rows: Sequence[UniformRows], first: Sequence[int], frames: int
+    ) -> Float[Tensor, "B T Z"]:
+        """Codes at their centres, interpolated at constant variance (as in ConditionalVAE), from frame `first` of each
+        row on."""
+        place = torch.tensor(first)[:, None] + torch.arange(frames)
+        place = ((place + 0.5) / self.settings.latent_frames - 0.5).clamp(min=0)
         left = place.floor().long()
-        latent_state.frame += frames
-        while latent_state.next_code < int(left[-1]) + 2:
-            latent_state.codes.append(self._draw(latent_state))
-        del latent_state.codes[: int(left[0]) - latent_state.first]
-        latent_state.first = int(left[0])
-        codes = torch.stack(latent_state.codes, dim=1)
-        share, left = (place - left)[:, None], left - latent_state.first
-        mixed = (1 - share) * codes[:, left] + share * codes[:, left + 1]
+        share, begin = (place - left)[..., None], left[:, 0].tolist()
+        count = int((left[:, -1] - left[:, 0]).max()) + 2
+        uniform = torch.stack([each.rows(code, code + count) for each, code in zip(rows, begin, strict=True)])
+        codes = self.settings.temperature * torch.special.ndtri(uniform.clamp(1e-7, 1 - 1e-7))
+        at = (left - left[:, :1])[..., None].expand(-1, -1, codes.shape[-1])
+        mixed = (1 - share) * codes.gather(1, at) + share * codes.gather(1, at + 1)
         out: Tensor = mixed / torch.hypot(share, 1 - share)
         return out
 
-    def _draw(self, latent_state: _LatentState) -> Float[Tensor, "B Z"]:
-        uniform = torch.stack([torch.rand(self.settings.latent, generator=each) for each in latent_state.generators])
-        code: Tensor = self.settings.temperature * torch.special.ndtri(uniform.clamp(1e-7, 1 - 1e-7))
-        return code
 
+class StreamingHead:
+    """Head motion of many streams, generated part by part."""
 
-class HeadStream:
-    """Head motion of one seed, generated part by part."""
+    def __init__(self, head: CausalVAEHead) -> None:
+        self._head, self._decoder = head, head.decoder.streaming()
 
-    def __init__(self, head: CausalVAEHead, seed: int) -> None:
-        self._head, self._codes, self._decoder = head, _LatentState.of([seed]), head.decoder.stream()
+    def begin(self, seed: int) -> HeadState:
+        """A stream before its first frame."""
+        return HeadState(0, self._head.uniform_codes(seed), self._decoder.begin())
 
-    def step(self, speech: Float[Tensor, "1 T S"]) -> Float[Tensor, "1 T 3"]:
-        """Head rotation vectors of the next frames."""
-        codes = self._head.interpolate_latents(self._codes, speech.shape[1])
-        decoded = torch.from_numpy(self._decoder.step(torch.cat([codes, speech], dim=-1)[0].numpy()))[None]
-        return self._head.decoded_head(decoded)
+    def step(
+        self, states: Sequence[HeadState], speech: Float[Tensor, "B T S"]
+    ) -> tuple[Float[Tensor, "B T 3"], list[HeadState]]:
+        """Head rotation vectors of the next frames of each stream, and the streams after them."""
+        frames = speech.shape[1]
+        codes = self._head.interpolate_latents([each.codes for each in states], [each.frame for each in states], frames)
+        past = np.stack([each.past for each in states])
+        decoded, past = self._decoder.step(past, torch.cat([codes, speech], dim=-1).numpy())
+        after = [HeadState(each.frame + frames, each.codes, own.copy()) for each, own in zip(states, past, strict=True)]
+        return self._head.decoded_head(torch.from_numpy(decoded)), after

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
@@ -21,7 +22,7 @@ class ConvolutionStack(nn.Module):
 
     Symmetric (`lookahead` is None), a frame depends on 2 (2^layers - 1) frames to each side. Causal layers depend on
     the frame itself and on the 4 (2^layers - 1) frames before it; the output for frame t is theirs at frame
-    t + lookahead, where inputs past the end are zeros. `stream` computes the same part by part.
+    t + lookahead, where inputs past the end are zeros. `streaming` computes the same part by part.
     """
 
     def __init__(self, channels_in: int, width: int, layers: int, dropout: float, lookahead: int | None = None) -> None:
@@ -46,14 +47,14 @@ class ConvolutionStack(nn.Module):
             h = h + self.drop(convolution(inner.transpose(1, 2)).transpose(1, 2))
         return h[:, ahead:]
 
-    def stream(self) -> ConvolutionStream:
-        """A stream of causal layers with a copy of the current weights, before its first frame."""
+    def streaming(self) -> StreamingConvolutions:
+        """These causal layers for streams, with a copy of the current weights."""
         assert self.lookahead is not None
-        return ConvolutionStream(self)
+        return StreamingConvolutions(self)
 
 
-class ConvolutionStream:
-    """Causal convolutions that process a sequence part by part."""
+class StreamingConvolutions:
+    """Causal convolutions that process sequences part by part, many sequences at once."""
 
     def __init__(self, stack: ConvolutionStack) -> None:
         tensors = module_tensors(stack)
@@ -62,10 +63,23 @@ class ConvolutionStream:
             (NumpyLayerNorm(tensors, f"norms.{layer}"), NumpyCausalConv(tensors, f"convolutions.{layer}", 2**layer))
             for layer in range(len(stack.norms))
         ]
+        self._past_shape = (
+            sum(convolution.reach for _, convolution in self._layers),
+            stack.input_projection.out_features,
+        )
 
-    def step(self, x: Float[ndarray, "T C"]) -> Float[ndarray, "T W"]:
-        """Features of the next frames, delayed by `lookahead` frames."""
-        h = self._enter(x)
+    def begin(self) -> Float[ndarray, "P W"]:
+        """The inputs of all layers before the first frame: zeros."""
+        return np.zeros(self._past_shape, np.float32)
+
+    def step(
+        self, past: Float[ndarray, "B P W"], x: Float[ndarray, "B T C"]
+    ) -> tuple[Float[ndarray, "B T W"], Float[ndarray, "B P W"]]:
+        """Features of the next frames, delayed by `lookahead` frames, and the inputs that later frames need."""
+        h, frames, first, kept = self._enter(x), x.shape[1], 0, []
         for norm, convolution in self._layers:
-            h = h + convolution(torch_gelu(norm(h)))
-        return h
+            entered = np.concatenate([past[:, first : first + convolution.reach], torch_gelu(norm(h))], axis=1)
+            kept.append(entered[:, frames:])
+            first += convolution.reach
+            h = h + convolution(entered)
+        return h, np.concatenate([past[:, :0], *kept], axis=1)

@@ -103,18 +103,18 @@ class NumpyConv:
 
 
 class NumpyCausalConv:
-    """Dilated causal convolution that keeps its past input; the input before the first frame is zero."""
+    """Dilated causal convolution over time; its input begins with the `reach` frames before the first output."""
 
     def __init__(self, tensors: Tensors, name: str, dilation: int) -> None:
         weight = tensors[f"{name}.weight"]  # axes: output, input, tap
         self._weight = np.ascontiguousarray(weight.transpose(2, 1, 0).reshape(-1, len(weight)))
         self._bias = tensors[f"{name}.bias"]
         self._starts = [tap * dilation for tap in range(weight.shape[2])]
-        self._past = np.zeros((self._starts[-1], weight.shape[1]), np.float32)
+        self.reach = self._starts[-1]
 
-    def __call__(self, x: Float[ndarray, "T C"]) -> Float[ndarray, "T W"]:
-        """Outputs of the next frames."""
-        padded = np.concatenate([self._past, x])
-        self._past = padded[len(x) :]
-        taps = np.concatenate([padded[start : start + len(x)] for start in self._starts], axis=1)
-        return np.asarray(taps @ self._weight + self._bias)
+    def __call__(self, x: Float[ndarray, "B P C"]) -> Float[ndarray, "B T W"]:
+        """Outputs of all frames but the first `reach`."""
+        frames = x.shape[1] - self.reach
+        taps = np.concatenate([x[:, start : start + frames] for start in self._starts], axis=2)
+        out = taps.reshape(-1, len(self._weight)) @ self._weight + self._bias
+        return np.asarray(out.reshape(len(x), frames, -1))

@@ -11,8 +11,8 @@ variants first: the condition, and with guidance the neutral one.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from typing import Annotated
 
 import numpy as np
@@ -74,6 +74,22 @@ class SamplerState:
     age: Int[ndarray, " B"]
     previous_locations: Float[ndarray, "B R D"]
     dwell_bins: Float[ndarray, "B R"]  # 0: no previous location
+
+    @classmethod
+    def concat(cls, states: Sequence[SamplerState]) -> SamplerState:
+        """One state of the rows of all."""
+        columns = {name: [getattr(each, name) for each in states] for name in cls._axes()}
+        return cls(**{name: np.concatenate(columns[name], axis=axis) for name, axis in cls._axes().items()})
+
+    def rows(self) -> list[SamplerState]:
+        """A state for each row."""
+        columns = [np.split(getattr(self, name), len(self.age), axis=axis) for name, axis in self._axes().items()]
+        return [SamplerState(*row) for row in zip(*columns, strict=True)]
+
+    @classmethod
+    def _axes(cls) -> dict[str, int]:
+        """The axis of rows of each array."""
+        return {each.name: int(each.name == "state") for each in fields(cls)}
 
     def move_to(self, rows: Int[ndarray, " S"], location: Float[ndarray, "S D"]) -> None:
         """Move some rows to a new location; the oldest previous location is dropped."""
