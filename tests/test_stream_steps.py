@@ -22,7 +22,7 @@ from talkingeyes.apps.service.stream_inbox import Sound, StreamInbox
 from talkingeyes.apps.service.stream_status import BEHIND_S, Lateness, metrics_text
 from talkingeyes.apps.service.stream_steps import MAX_LOAD, WINDOW_S, StreamSteps
 from talkingeyes.apps.service.stream_worker import StreamWorker
-from talkingeyes.apps.service.worker_pool import WorkerFailedError
+from talkingeyes.apps.service.worker_pool import Worker, WorkerFailedError
 from talkingeyes.apps.viewer.local_server import create_app
 from talkingeyes.core.errors import InputError
 from talkingeyes.head.looks import dressed_head
@@ -39,13 +39,13 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return now
 
 
-class FakeWorker:
-    """Answers each step of messages by a function."""
+class FakeWorker(Worker):
+    """Answers each step of messages by a function, without a process."""
 
     def __init__(self, answer: Callable[[list[Any]], StepReply]) -> None:
         self.answer, self.steps = answer, list[list[Any]]()
 
-    async def call(self, message: list[Any], _: float) -> StepReply:
+    async def call(self, message: list[Any], limit_s: float) -> StepReply:
         self.steps.append(message)
         return self.answer(message)
 
@@ -98,7 +98,7 @@ class TestSteps:
         worker = FakeWorker(lambda message: StepReply(0.0, [key for _, key, _ in message]))
 
         async def run() -> list[Any]:
-            steps = StreamSteps(worker)  # type: ignore[arg-type]
+            steps = StreamSteps(worker)
             calls = [steps.call(kind, key) for kind, key in zip(("push", "open", "open", "set"), "abcd", strict=True)]
             try:
                 return list(await asyncio.gather(*calls))
@@ -115,7 +115,7 @@ class TestSteps:
             return StepReply(0.0, [InputError("no") if key == "b" else key for _, key, _ in message])
 
         async def run(kind: str) -> list[Any]:
-            steps = StreamSteps(FakeWorker(answer))  # type: ignore[arg-type]
+            steps = StreamSteps(FakeWorker(answer))
             try:
                 return list(await asyncio.gather(*(steps.call(kind, key) for key in "abc"), return_exceptions=True))
             finally:
@@ -126,7 +126,7 @@ class TestSteps:
         assert [str(each) for each in asyncio.run(run("finish"))] == ["the worker process ended"] * 3
 
     def test_streams_are_admitted_by_the_load_of_steps(self, clock: list[float]) -> None:
-        steps = StreamSteps(FakeWorker(lambda _: StepReply(0.0, [])))  # type: ignore[arg-type]
+        steps = StreamSteps(FakeWorker(lambda _: StepReply(0.0, [])))
         assert steps.load == 0.0
         first = 0
         while steps.admit():
@@ -197,7 +197,7 @@ def test_a_body_of_which_no_part_comes_is_answered_with_408() -> None:
 
 
 def test_metrics_are_lines_that_prometheus_reads() -> None:
-    assert metrics_text({"streams": 2, "load": {'{worker="0"}': 0.25}}) == (
+    assert metrics_text({"streams": 2.0, "load": {'{worker="0"}': 0.25}}) == (
         "# TYPE talkingeyes_streams gauge\ntalkingeyes_streams 2\n"
         '# TYPE talkingeyes_load gauge\ntalkingeyes_load{worker="0"} 0.25\n'
     )
