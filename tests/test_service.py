@@ -143,6 +143,8 @@ def spoken(connection: ClientConnection, sound: np.ndarray, chunk: int = 3200) -
     while True:
         message = connection.recv(120)
         if isinstance(message, str):
+            if "behind_s" in message:  # as on a busy machine
+                continue
             return np.concatenate(rows), json.loads(message)
         assert int.from_bytes(message[:4], "little") == expected
         rows.append(np.frombuffer(message[4:], "<f4").reshape(-1, about["columns"]))
@@ -155,8 +157,8 @@ def json_stream(connection: ClientConnection, sound: np.ndarray) -> tuple[dict[s
     connection.send(pcm(sound))
     connection.send('{"end": true}')
     while "end" not in (message := json.loads(connection.recv(120))):
-        assert message["first"] == len(frames)
-        frames += message["frames"]
+        assert message.get("first", len(frames)) == len(frames)
+        frames += message.get("frames", ())  # none of {"behind_s": ...}
     return about, frames
 
 
@@ -392,7 +394,7 @@ class TestStreams:
             connection.send('{"end": true}')
             after = []
             while "end" not in (message := json.loads(connection.recv(120))):
-                after += message["frames"]
+                after += message.get("frames", ())
         assert reply == {"set": {"target": target}, "frame": len(before)}
         assert SECONDS - len(before) / about["fps"] < about["latency_s"] + 0.1
         missed = [missed_deg(each, np.array(target)) for each in before[-1:] + after[round(0.2 * about["fps"]) - 1 :]]
@@ -417,7 +419,7 @@ class TestStreams:
                 connection.send('{"end": true}')
                 named = len(frames)
                 while "end" not in (message := json.loads(connection.recv(120))):
-                    frames += message["frames"]
+                    frames += message.get("frames", ())
             found.append(np.array([each["head"] + each["look_deg"] for each in frames]))
         for each, other in itertools.combinations(found, 2):
             np.testing.assert_array_equal(each[:named], other[:named])
@@ -530,7 +532,7 @@ class TestStreams:
             for each in streams:
                 each.send('{"end": true}')
                 messages = list(iter(lambda each=each: each.recv(120), '{"end": true, "frames": 40}'))
-                found.append(b"".join(message[4:] for message in messages))
+                found.append(b"".join(message[4:] for message in messages if isinstance(message, bytes)))
         assert len({len(each) for each in found}) == 1
         assert len(set(found)) == STREAMS
         well(service)

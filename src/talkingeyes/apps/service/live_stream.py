@@ -23,7 +23,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from talkingeyes.apps.service.animation_request import Limits, PoseChunk, StreamChanges, StreamRequest
 from talkingeyes.apps.service.stream_inbox import Sound, StreamInbox
 from talkingeyes.apps.service.stream_status import BEHIND_S, Lateness, StreamStatus
-from talkingeyes.apps.service.stream_steps import WINDOW_S, StreamSteps
+from talkingeyes.apps.service.stream_steps import FEW_STREAMS, WINDOW_S, StreamSteps
 from talkingeyes.apps.service.worker_pool import WorkerFailedError, WorkerPool
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core.containers import parse_json
@@ -85,7 +85,8 @@ class StreamServer:
                 TRY_AGAIN_LATER, f"{running} streams are running, which is the maximum; try again later"
             )
         steps = min(self.steps, key=lambda each: each.streams)
-        if self.status.lateness_s(WINDOW_S)[0.5] > BEHIND_S or not steps.admit():
+        are_late = running >= FEW_STREAMS and self.status.lateness_s(WINDOW_S)[0.5] > BEHIND_S
+        if are_late or not steps.admit():
             reason = f"{running} streams are running, and one more would be late; try again later"
             raise StreamRefusedError(TRY_AGAIN_LATER, reason)
         return steps

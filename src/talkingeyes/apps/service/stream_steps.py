@@ -78,7 +78,7 @@ class StreamSteps:
             self._admitted_s.popleft()
         load, unmeasured = self.load, len(self._admitted_s) + 1
         each = max(load / self.streams, STREAM_LOAD) if self.streams >= FEW_STREAMS else STREAM_LOAD
-        if load + unmeasured * each > MAX_LOAD:
+        if self.streams and load + unmeasured * each > MAX_LOAD:
             return False
         self._admitted_s.append(now)
         return True
