@@ -25,7 +25,6 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from pipelines.report_films import write_films
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
@@ -38,15 +37,6 @@ from talkingeyes.evaluation.benchmark.table import markdown as benchmark_markdow
 from talkingeyes.evaluation.papers.probtalk3d_table import face_markdown
 from talkingeyes.evaluation.papers.table3 import TITLES, MethodMetrics, critic_table, markdown, order_rows, to_csv
 from talkingeyes.evaluation.report.information import LIVE_LOOKAHEAD_S, information_table
-from talkingeyes.evaluation.report.plots import (
-    COLOURS,
-    Trace,
-    plot_code_usage,
-    plot_metrics,
-    plot_speed_distributions,
-    plot_strips,
-    plot_traces,
-)
 from talkingeyes.evaluation.report.requirements import (
     TIED_PARTS,
     Requirement,
@@ -242,12 +232,17 @@ def _write_tables(folder: Path, results: Results) -> None:
 
 def _draw(folder: Path, workspace: Workspace, results: Results) -> None:
     """Plots of the tables, and of motions of the sound with the most takes; its films."""
+    # Imported here, because pipelines.summary uses this module and draws nothing.
+    from pipelines.report_films import write_films
+    from talkingeyes.evaluation.report import plots
+
     titled = {TITLES.get(name, name): table for name, table in results.benchmarks.items()}
-    plot_strips(titled, _colours(), folder / "benchmark.png")
-    plot_metrics(results.eyes, folder / "metrics.png")
-    plot_speed_distributions(_speeds(workspace.data("evaluate"), order_rows(results.eyes)), folder / "speeds.png")
+    colours = {TITLES.get(name, name): colour for name, colour in plots.COLOURS.items()}
+    plots.plot_strips(titled, colours, folder / "benchmark.png")
+    plots.plot_metrics(results.eyes, folder / "metrics.png")
+    plots.plot_speed_distributions(_speeds(workspace.data("evaluate"), order_rows(results.eyes)), folder / "speeds.png")
     if results.counts:
-        plot_code_usage(results.counts, folder / "code_usage.png")
+        plots.plot_code_usage(results.counts, folder / "code_usage.png")
     takes = _most_takes(Corpus(workspace.corpus))
     if takes:
         _draw_traces(workspace, takes, folder / "traces.png")
@@ -343,10 +338,6 @@ def _benchmarks(folder: Path, names: list[str]) -> dict[str, list[MetricResult]]
     return {name: table for name, table in tables.items() if any(row.value for row in table)}
 
 
-def _colours() -> dict[str, str]:
-    return {TITLES.get(name, name): colour for name, colour in COLOURS.items()}
-
-
 def _upstream(table8: Path, counts: Mapping[str, Float[ndarray, " K"]]) -> list[Requirement]:
     found = []
     if table8.exists():
@@ -371,6 +362,8 @@ def _most_takes(corpus: Corpus) -> list[Clip]:
 
 def _draw_traces(workspace: Workspace, chosen: Sequence[Clip], path: Path) -> None:
     """Plot the truth, if it exists, and samples of a few models for the takes of a sound."""
+    from talkingeyes.evaluation.report.plots import Trace, plot_traces
+
     corpus = Corpus(workspace.corpus)
     models = [name for name in TRACE_METHODS if workspace.data("sample", name).is_dir()]
     if not models:
