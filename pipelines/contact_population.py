@@ -39,7 +39,7 @@ from talkingeyes.evaluation.people.contact import (
 from talkingeyes.evaluation.people.conversations import AGREED, ConversationGaze, read_conversations
 from talkingeyes.evaluation.text_tables import markdown_table
 from talkingeyes.orchestration.run import run_command
-from talkingeyes.physiology.contact_population import ContactPopulation, read_contact
+from talkingeyes.physiology.contact_population import ContactCues, ContactPopulation, StateContact
 from talkingeyes.physiology.gaze_population import FOLDER
 from talkingeyes.synthesis.speech_synthesis import DialogueVoices, synthesize_turns
 from talkingeyes.synthesis.voice_profiles import sample_voice
@@ -58,6 +58,24 @@ EXCHANGED_LOOKS = {("D011", "1"), ("D013", "1"), ("D015", "1"), ("D019", "1")}
 EXCHANGED_TURNS = {"D021"}
 FOLDS, SEED, TAKES, RESAMPLES, JITTER_S = 3, 0, 2, 60, 0.5
 LANGUAGE = "en"
+# Where the search starts: round numbers that owe nothing to these recordings, so that pairs are really kept back.
+_LAW = StateContact(logit_share=0.0, logit_share_sd=0.7, away_s=1.0, away_log_sd=0.7, look_log_sd=0.7, look_scale=1.5)
+START = ContactPopulation(
+    source=SOURCE,
+    states={"speaking": _LAW, "listening": _LAW, "interview": _LAW},
+    share_correlation=0.3,
+    dwell_log_sd=0.3,
+    cues=ContactCues(
+        planning=0.3,
+        floor=0.3,
+        turn_end=0.3,
+        pause=0.3,
+        planned_s=3.0,
+        aversion_start_s=(0.0, 0.5),
+        aversion_end_s=(2.0, 0.5),
+        return_s=(-0.5, 0.5),
+    ),
+)
 
 
 def main() -> None:
@@ -67,18 +85,18 @@ def main() -> None:
     conversations = [
         speech_on_turns(index, each) for index, each in enumerate(progress_bar(next(iter(people.values())), "speech"))
     ]
-    start = read_contact("face_to_face")
     units = sorted({each.unit for each in conversations})
     simulated: list[ConversationGaze] = []
     for fold in range(FOLDS):
         kept_back = set(units[fold::FOLDS])
         used = [each for each in conversations if each.unit not in kept_back]
         of_used = {coder: [each for each in gazes if each.unit not in kept_back] for coder, gazes in people.items()}
-        population = estimate_contact(of_used, used, start, SEED)
+        population = estimate_contact(of_used, used, START, SEED)
         judged = [each for each in conversations if each.unit in kept_back]
         simulated += simulate_contact(population, judged, TAKES, SEED + 1000)
-    print(distances_table({"face_to_face, kept back": simulated}, people))
-    population = estimate_contact(people, conversations, start, SEED)
+    begun = simulate_contact(START, conversations, TAKES, SEED + 1000)
+    print(distances_table({"start of the search": begun, "face_to_face, kept back": simulated}, people))
+    population = estimate_contact(people, conversations, START, SEED)
     interviews = read_interviews(folder / "interview_contact.csv.gz")
     monologues = [speech_on_turns(index, each) for index, each in enumerate(progress_bar(interviews, "interviews"))]
     population = estimate_interview(interviews, monologues, population, SEED).model_copy(update={"source": SOURCE})

@@ -36,7 +36,7 @@ STATES: tuple[ContactState, ContactState] = ("speaking", "listening")
 ROLES = {"speaking": OWN, "listening": PARTNERS, "interview": OWN}
 MIN_DWELLS = 8  # of a person, for its mean and spread
 QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)
-ROUNDS, STEP, TAKES, RESAMPLES, TRIES = 5, 0.15, 2, 30, 4
+ROUNDS, STEP, TAKES, RESAMPLES, TRIES = 10, 0.3, 4, 30, 5
 STATE_PARAMETERS = ("logit_share_sd", "away_s", "away_log_sd", "look_log_sd", "look_scale")
 # Choices: spread of cues around their mean times, and cues of short pauses by those of long ones, which turns to the
 # second do not show.
