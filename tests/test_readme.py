@@ -17,7 +17,7 @@ from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL
 from talkingeyes.core.motion import Motion
 from talkingeyes.workflows.serve import find_live_model
 
-COLUMNS = ("random", "untrained", "talkingeyes_paper", "talkingeyes_events")
+COLUMNS = ("random", "untrained", "aligned_replay", "talkingeyes_paper", "talkingeyes_events")
 ROWS = {
     "Diversity of the eyes / truth": "unseen: Diversity of the eyes / truth",
     "Eyes follow their sound / fitted motion": "unseen: tie of eyes to its sound / fitted motion",

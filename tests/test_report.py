@@ -291,9 +291,11 @@ def test_baselines_miss_what_models_must_reach(repository):
         name: {each["requirement"] for each in column if each["missed_by_interval"]} for name, column in found.items()
     }
     ties = {each["requirement"] for each in found["random"] if each["kind"] == "tie"}
-    assert len(ties) == 8
+    assert len(ties) == 7
     for name in ("random", "untrained"):
-        assert ties <= missed[name], name
+        assert not any(each["met"] for each in found[name] if each["kind"] == "tie"), name
+        # Recorded people hardly look back after an onset, so the interval of a ratio to that is wide.
+        assert {each for each in ties if not each.startswith("drop")} <= missed[name], name
     eyes_and_head = {each for each in ties if "tie of eyes" in each or "tie of head" in each}
     assert len(eyes_and_head) == 4
     assert eyes_and_head <= missed["similar"]
