@@ -114,10 +114,13 @@ bench: setup  ## Measure speed and memory: benchmarks/*.py, each prints a table
 		echo "== $$name"; $(BIN)/python -m benchmarks.$$name || failed="$$failed $$name"; \
 	done; if [ "$$failed" ]; then echo "failed:$$failed" >&2; exit 1; fi
 
+mutations ?= 300
+kills ?= 100
+seed ?= 0
 RELIABILITY = PYTHONPATH=.:tests:tests/helpers $(BIN)/python tests/reliability
 reliability: setup  ## Damage files of every kind, and disturb commands at random moments: some hours, printed last is what failed
-	$(RELIABILITY)/fuzz.py --mutations $(or $(mutations),300) --seed $(or $(seed),0) --keep build/reliability; failed=$$?; \
-		$(RELIABILITY)/interruptions.py --kills $(or $(kills),100) --seed $(or $(seed),0) && exit $$failed
+	$(RELIABILITY)/fuzz.py --mutations $(mutations) --seed $(seed) --keep build/reliability; failed=$$?; \
+		$(RELIABILITY)/interruptions.py --kills $(kills) --seed $(seed) && exit $$failed
 
 wheel: setup  ## Build dist/talkingeyes-*.whl, with the packaged models and the open head, and its SBOM
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist .

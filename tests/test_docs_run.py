@@ -38,7 +38,8 @@ ELSEWHERE = {
     "python docs/recipes/vtube_studio_stream.py take/sample_00.npz": "VTube Studio",
     "python local_viewer.py --point_path AVATAR/point_cloud.ply --motion_path motion.npz": "GaussianAvatars",
 }
-OF_ITS_OWN = {"docs/extend.md": "test_extend.py"}  # its commands need files that the reader writes
+# Commands that need files that the reader writes, or take hours.
+OF_ITS_OWN = {"docs/extend.md": "test_extend.py", "docs/reliability.md": "tests/reliability, a short run"}
 RUN = [page for page in PAGES if lines(page) and name_of(page) not in OF_ITS_OWN]
 
 
