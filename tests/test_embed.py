@@ -20,7 +20,7 @@ from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.orchestration.run import Workspace
 
 SECTION = {
-    "encoder": {"kind": "logmel", "bands": 20, "window_s": 0.05},
+    "encoder": {"kind": "logmel", "bands": 20, "window_s": 0.05, "windows_per_frame": 1},
     "prosody": {
         "f0_min_hz": 60.0,
         "f0_max_hz": 450.0,

@@ -61,7 +61,7 @@ def family(name: str, checkpoints: dict[str, str], window_s: float = 10.0) -> Sp
         "moonshine": {"kind": "moonshine", **windows},
         "wav2vec2": {"kind": "wav2vec2", "layer": 2, "checkpoint": checkpoints["wav2vec2"], **windows},
         "hubert": {"kind": "hubert", "layer": 1, "checkpoint": checkpoints["hubert"], **windows},
-        "logmel": {"kind": "logmel", "bands": 80, "window_s": 0.05},
+        "logmel": {"kind": "logmel", "bands": 80, "window_s": 0.05, "windows_per_frame": 1},
     }
     return make_encoder(section(encoders[name]))
 
@@ -161,8 +161,8 @@ def test_long_sound_is_like_short_sound(
     ("node", "words"),
     [
         ({"kind": "mfcc"}, "kind.*mfcc"),
-        ({"kind": "logmel", "bands": 4, "window_s": 0.05}, "bands.*greater than or equal to 8, got 4"),
-        ({"kind": "logmel", "bands": 80, "window_s": 0.05, "layer": 3}, "layer.*not permitted"),
+        ({"kind": "logmel", "bands": 4, "window_s": 0.05, "windows_per_frame": 1}, "bands.*greater than or equal to 8, got 4"),
+        ({"kind": "logmel", "bands": 80, "window_s": 0.05, "windows_per_frame": 1, "layer": 3}, "layer.*not permitted"),
         ({"kind": "moonshine", "window_s": 1.0, "overlap_s": 2.0}, "window_s.*greater than or equal to 6, got 1"),
     ],
 )

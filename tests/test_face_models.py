@@ -53,6 +53,7 @@ GENERATORS: dict[str, dict[str, Any]] = {
     "ddim": {**DIFFUSION, "sampling_steps": 5, "eta": 0.0},
     "autoregression": {"kind": "autoregression", **AUTOREGRESSION},
     "autoregressive_codes": {"kind": "autoregressive_codes", **AUTOREGRESSION},
+    "causal": {"kind": "causal", "layers": 2, "dropout": 0.0},
 }
 OF_CODES = ("latent", "autoregressive_codes")
 HAPPY, ANGRY = FaceStyle("a", "happy", 2), FaceStyle("a", "angry", 2)
@@ -301,6 +302,19 @@ def test_model_trains_and_samples_the_same_after_loading(
     assert drawn.expression_names == NAMES
     assert drawn.expression.min() >= 0
     assert drawn.expression.max() <= 1
+
+
+def test_a_causal_face_hears_no_more_than_its_lookahead() -> None:
+    speech = {"channels": None, "width": 16, "layers": 2, "dropout": 0.0, "channel_dropout": 0.0, "lookahead": 3}
+    network = FaceTask(model_settings("causal", speech=speech), 0, data(), None).module.eval()
+    known = data()
+    style = torch.from_numpy(known.vocabulary.style_vector(HAPPY)[None])
+    heard = torch.from_numpy(known.val[0].speech)
+    other = heard.clone()
+    other[20:] += 1.0
+    one, two = (network.generate(each, style, [0])[0].numpy() for each in (heard, other))
+    np.testing.assert_array_equal(one[:17], two[:17])
+    assert np.abs(one[17] - two[17]).max() > 1e-4
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from talkingeyes.training.baseline_checkpoint import save_baseline
 from talkingeyes.training.conditioning import motion_array
 
 EMBED = {
-    "encoder": {"kind": "logmel", "bands": 20, "window_s": 0.05},
+    "encoder": {"kind": "logmel", "bands": 20, "window_s": 0.05, "windows_per_frame": 1},
     "prosody": {
         "f0_min_hz": 60.0,
         "f0_max_hz": 450.0,

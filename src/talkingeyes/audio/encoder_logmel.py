@@ -18,11 +18,12 @@ FLOOR = 1e-8  # power; -80 dB
 
 
 class LogmelSettings(ComponentSettings):
-    """The Hann window should be at least as long as a motion frame, so that no sound between frames is skipped."""
+    """The Hann windows of a motion frame should cover it, so that no sound between frames is skipped."""
 
     kind: Literal["logmel"]
     bands: Annotated[int, Field(ge=8, le=128)]
     window_s: Annotated[float, Field(ge=0.016, le=0.2)]
+    windows_per_frame: Annotated[int, Field(ge=1, le=4)]  # evenly over the frame; lips close for less than a frame
 
 
 class LogmelEncoder:
@@ -35,16 +36,18 @@ class LogmelEncoder:
         self._fft_size = scipy.fft.next_fast_len(size, real=True)
         self._window = (np.hanning(size) / np.hanning(size).sum()).astype(np.float32)
         self._filters = mel_filters(settings.bands, self._fft_size)
-        self.channels = tuple(f"logmel_{index}" for index in range(settings.bands))
+        self._windows = settings.windows_per_frame
+        self.channels = tuple(f"logmel_{index}" for index in range(self._windows * settings.bands))
 
     def __call__(self, sound: Float[ndarray, " N"], fps: float) -> Float[ndarray, "T C"]:
-        """Natural logarithm of mel energies at the times t / fps."""
-        times_s = np.arange(frame_count(len(sound), fps)) / fps
-        energies = [np.zeros((0, len(self.channels)), np.float32)]
+        """Natural logarithm of mel energies around the times t / fps, window by window."""
+        count = frame_count(len(sound), fps)
+        times_s = (np.arange(count * self._windows) - (self._windows - 1) / 2) / (fps * self._windows)
+        energies = [np.zeros((0, self._filters.shape[0]), np.float32)]
         for frames in frame_signal(sound, times_s, len(self._window)):
             spectrum = scipy.fft.rfft(frames * self._window, self._fft_size)
             energies.append((np.square(np.abs(spectrum)) @ self._filters.T).astype(np.float32))
-        return np.asarray(np.log(np.concatenate(energies) + np.float32(FLOOR)))
+        return np.log(np.concatenate(energies) + np.float32(FLOOR)).reshape(count, len(self.channels))
 
 
 def mel_filters(bands: int, fft_size: int) -> Float[ndarray, "M F"]:

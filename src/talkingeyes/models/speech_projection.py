@@ -22,7 +22,8 @@ from talkingeyes.models.layers.convolution import ConvolutionStack
 class SpeechProjectionSettings(Settings):
     """Settings of the projection."""
 
-    # Input channels of the embedding; null: all; empty: no speech input, constant features.
+    # Input channels of the embedding (`logmel`: all of logmel_0, ...); null: all; empty: no speech input, constant
+    # features.
     channels: tuple[str, ...] | None
     width: Annotated[int, Field(gt=0)]
     # Convolutions of kernel 5 with dilation 1, 2, 4, ...: 3 layers reach 14 frames to each side.
@@ -48,10 +49,7 @@ class SpeechProjection(nn.Module):
     def __init__(self, settings: SpeechProjectionSettings, names: Sequence[str]) -> None:
         """Raises InputError if a channel of the settings is not among the names."""
         super().__init__()
-        chosen = tuple(names) if settings.channels is None else settings.channels
-        strange = [name for name in chosen if name not in names]
-        if strange:
-            raise InputError(f"speech.channels: should be channels of the embedding, got {', '.join(strange)}")
+        chosen = tuple(names) if settings.channels is None else _channels(settings.channels, names)
         self.register_buffer(
             "channel_indices", torch.tensor([list(names).index(name) for name in chosen], dtype=torch.long)
         )
@@ -83,3 +81,14 @@ class SpeechProjection(nn.Module):
             return torch.zeros_like(embedding[..., :1])
         chosen = self.channel_indices
         return (embedding[..., chosen] - self.mean[chosen]) / self.std[chosen]
+
+
+def _channels(chosen: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """The channels that are meant: a name, or the prefix of numbered ones."""
+    found: list[str] = []
+    for name in chosen:
+        own = [each for each in names if each == name or each.rpartition("_")[0] == name]
+        if not own:
+            raise InputError(f"speech.channels: should be channels of the embedding, got {name}")
+        found += own
+    return tuple(found)

@@ -18,7 +18,11 @@ from talkingeyes.core.settings import Settings
 from talkingeyes.models.face.autoencoder import FaceAutoencoder
 from talkingeyes.models.face.generator import FACE_GENERATORS, FaceComponentSettings, FaceGenerator
 from talkingeyes.models.face.style import StyleInput, StyleVocabulary
-from talkingeyes.models.speech_projection import SpeechProjection, SpeechProjectionSettings
+from talkingeyes.models.speech_projection import (
+    CausalSpeechProjectionSettings,
+    SpeechProjection,
+    SpeechProjectionSettings,
+)
 
 # SD of the initial weights of emotion and intensity. PyTorch's for a one-hot vector of 200 speakers is 0.04, so that
 # emotions differ by a tenth after 500 steps and are not seen (docs/log/2026-11-26-face-emotion.md).
@@ -32,7 +36,7 @@ class SpeechToFaceSettings(Settings):
     parts: tuple[Literal["face"], ...]
     # The pretrained motion autoencoder that the generator needs; null: none.
     tokenizer: str | None
-    speech: SpeechProjectionSettings
+    speech: CausalSpeechProjectionSettings | SpeechProjectionSettings
     # Components of the style that the model is conditioned on; none: the paper's ablation.
     style: tuple[StyleInput, ...]
     # Fraction of training windows whose speaker is replaced by the mean of all, so that unseen speakers have a style.

@@ -1,7 +1,7 @@
 """Interface of face generators: loss terms and sampling of the face from speech features multiplied by the style.
 
 Each generator is one file of this folder: `latent` (ProbTalk3D and its VAE variant), `diffusion` (after FaceDiffuser),
-`autoregression` (after FaceFormer), `autoregressive_codes` (after CodeTalker).
+`autoregression` (after FaceFormer), `autoregressive_codes` (after CodeTalker), `causal` (for streams).
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ FACE_GENERATORS = ComponentRegistry(
         "latent": "talkingeyes.models.face.latent:LatentFace",
         "diffusion": "talkingeyes.models.face.diffusion:DiffusionFace",
         "autoregression": "talkingeyes.models.face.autoregression:RegressionFace",
+        "causal": "talkingeyes.models.face.causal:CausalFace",
         "autoregressive_codes": "talkingeyes.models.face.autoregressive_codes:AutoregressiveCodesFace",
     },
     ("normalise_by", "loss_terms", "sample"),
