@@ -268,7 +268,7 @@ def test_bad_requests_get_a_reason_and_change_nothing(tmp_path: Path) -> None:
         (json.dumps({"trial_index": 0, "answers": {"natural": "left"}}).encode(), 422),
         (json.dumps({"trial_index": 0, "answers": {**good, "natural": "middle"}}).encode(), 422),
         (json.dumps({"trial_index": 0, "answers": good, "number": 1}).encode(), 422),
-        (json.dumps({"trial_index": 10**30, "answers": good}).encode(), 409),
+        (json.dumps({"trial_index": 10**30, "answers": good}).encode(), 422),
         (json.dumps({"trial_index": -1, "answers": good}).encode(), 409),
     ]
     for content, status in wrong:
