@@ -138,7 +138,7 @@ def face_network(name: str) -> SpeechToFace:
         tokenizer = FACE_AUTOENCODERS.build(of_tokenizer.network, FACE_BASIS.numbers)
         tokenizer.fit_latent_statistics([torch.randn(2, 20, FACE_BASIS.numbers)])
         tokenizer.freeze()
-    channels = [str(index) for index in range(CHANNELS)]
+    channels = [*(settings.speech.channels or ()), *(str(index) for index in range(CHANNELS))][:CHANNELS]
     return SpeechToFace(settings, channels, SPEAKERS, FACE_BASIS.numbers, tokenizer).eval()
 
 

@@ -161,7 +161,10 @@ def test_long_sound_is_like_short_sound(
     ("node", "words"),
     [
         ({"kind": "mfcc"}, "kind.*mfcc"),
-        ({"kind": "logmel", "bands": 4, "window_s": 0.05, "windows_per_frame": 1}, "bands.*greater than or equal to 8, got 4"),
+        (
+            {"kind": "logmel", "bands": 4, "window_s": 0.05, "windows_per_frame": 1},
+            "bands.*greater than or equal to 8, got 4",
+        ),
         ({"kind": "logmel", "bands": 80, "window_s": 0.05, "windows_per_frame": 1, "layer": 3}, "layer.*not permitted"),
         ({"kind": "moonshine", "window_s": 1.0, "overlap_s": 2.0}, "window_s.*greater than or equal to 6, got 1"),
     ],

@@ -165,7 +165,9 @@ def test_without_blinks_their_metrics_have_nothing_to_measure(found) -> None:
 
 def test_every_metric_detects_some_corruption(found) -> None:
     blind = {name for name, cells in found.items() if not detected_corruptions(cells)}
-    aversion = {f"reference_correlation/aversion_{axis}" for axis in ("yaw", "pitch")} | {"partner_gaze/aversion_median"}
+    aversion = {f"reference_correlation/aversion_{axis}" for axis in ("yaw", "pitch")} | {
+        "partner_gaze/aversion_median"
+    }
     assert blind <= {*aversion, "eye/pitch_skew", "head/pitch_velocity_skew", "saccades/interval_cv"}
 
 
