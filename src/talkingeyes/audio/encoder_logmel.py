@@ -47,7 +47,8 @@ class LogmelEncoder:
         for frames in frame_signal(sound, times_s, len(self._window)):
             spectrum = scipy.fft.rfft(frames * self._window, self._fft_size)
             energies.append((np.square(np.abs(spectrum)) @ self._filters.T).astype(np.float32))
-        return np.log(np.concatenate(energies) + np.float32(FLOOR)).reshape(count, len(self.channels))
+        log_energies = np.log(np.concatenate(energies) + np.float32(FLOOR))
+        return np.asarray(log_energies.reshape(count, len(self.channels)))
 
 
 def mel_filters(bands: int, fft_size: int) -> Float[ndarray, "M F"]:
