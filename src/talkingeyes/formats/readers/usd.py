@@ -51,7 +51,8 @@ def _apart(path: Path, read: Callable[..., Result], *arguments: Any) -> Result:
 
 @cache
 def _reader() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(1, initializer=_bound_memory)
+    # It ends when idle: a parent that multiprocessing has started waits for its children before it tells them to end.
+    return ProcessPoolExecutor(1, timeout=1.0, initializer=_bound_memory)
 
 
 def _bound_memory() -> None:
