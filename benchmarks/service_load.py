@@ -44,39 +44,39 @@ class StreamResult:
     latencies_s: list[float] = field(default_factory=list)
     frames: int = 0
     expected: int = 0
-    told_behind: int = 0
+    behind_messages: int = 0
     error: str = ""
 
 
 async def stream(address: str, sound: np.ndarray, wait_s: float, seed: int) -> StreamResult:
     """Send a sound in real time and receive the frames."""
     await asyncio.sleep(wait_s)
-    heard = StreamResult()
+    result = StreamResult()
     try:
         async with connect(f"{address}stream", max_size=None, ping_interval=None, open_timeout=60) as socket:
             await socket.send(json.dumps({"seed": seed}))
             about = json.loads(await socket.recv())
             if "error" in about:
                 return StreamResult(error=about["error"])
-            heard.expected = frame_count(len(sound), about["fps"])
+            result.expected = frame_count(len(sound), about["fps"])
             begun = time.monotonic()
             speaking = asyncio.create_task(_speak(socket, sound, begun))
             async for message in socket:
                 if isinstance(message, str):
                     content = json.loads(message)
-                    heard.told_behind += "behind_s" in content
-                    heard.error = content.get("error", "")
+                    result.behind_messages += "behind_s" in content
+                    result.error = content.get("error", "")
                     continue
                 count = (len(message) - 4) // (4 * about["columns"])
                 first = int.from_bytes(message[:4], "little")
                 now = time.monotonic() - begun
-                heard.latencies_s += [now - (first + index) / about["fps"] for index in range(count)]
-                heard.frames += count
+                result.latencies_s += [now - (first + index) / about["fps"] for index in range(count)]
+                result.frames += count
             await speaking
     except (OSError, websockets.WebSocketException) as error:
         received = getattr(error, "rcvd", None)
-        heard.error = received.reason if received else str(error)
-    return heard
+        result.error = received.reason if received else str(error)
+    return result
 
 
 async def _speak(socket: ClientConnection, sound: np.ndarray, begun: float) -> None:
@@ -143,8 +143,8 @@ def report(found: list[StreamResult], cpu_s: float) -> None:
         print(f"  {errors.count(error)} times: {error}")
     marks = zip(("p50", "p99", "greatest"), np.percentile(latencies, [50, 99, 100]), strict=True)
     print("latency ms: " + ", ".join(f"{name} {value:.0f}" for name, value in marks))
-    told = sum(each.told_behind > 0 for each in admitted)
-    print(f"within 400 ms: {np.mean(latencies <= 400):.1%}; {told} streams were told that they are behind")
+    notified = sum(each.behind_messages > 0 for each in admitted)
+    print(f"within 400 ms: {np.mean(latencies <= 400):.1%}; {notified} streams were notified that they are behind")
     print(f"CPU of the service: {cpu_s:.1f} s, {cpu_s / len(latencies) * 25:.4f} per second of a stream")
 
 

@@ -189,7 +189,7 @@ def test_noise_does_not_split_a_fixation():
 
 
 def drawn_blinks():
-    return blinks.sample_blinks(blinks.PHYSIOLOGICAL, 120.0, np.random.default_rng(0), rate_per_min=25.0)
+    return tuple(blinks.sample_blinks(blinks.PHYSIOLOGICAL, 120.0, np.random.default_rng(0), rate_per_min=25.0))
 
 
 @pytest.mark.parametrize("fps", [25.0, 30.0, 60.0, 120.0, 500.0])

@@ -304,15 +304,15 @@ def test_model_trains_and_samples_the_same_after_loading(
     assert drawn.expression.max() <= 1
 
 
-def test_a_causal_face_hears_no_more_than_its_lookahead() -> None:
+def test_a_causal_face_depends_on_no_more_than_its_lookahead() -> None:
     speech = {"channels": None, "width": 16, "layers": 2, "dropout": 0.0, "channel_dropout": 0.0, "lookahead": 3}
     network = FaceTask(model_settings("causal", speech=speech), 0, data(), None).module.eval()
     known = data()
     style = torch.from_numpy(known.vocabulary.style_vector(HAPPY)[None])
-    heard = torch.from_numpy(known.val[0].speech)
-    other = heard.clone()
+    original = torch.from_numpy(known.val[0].speech)
+    other = original.clone()
     other[20:] += 1.0
-    one, two = (network.generate(each, style, [0])[0].numpy() for each in (heard, other))
+    one, two = (network.generate(each, style, [0])[0].numpy() for each in (original, other))
     np.testing.assert_array_equal(one[:17], two[:17])
     assert np.abs(one[17] - two[17]).max() > 1e-4
 

@@ -187,7 +187,7 @@ def test_blink_rates_of_the_profiles():
 @pytest.mark.parametrize("rate", [6.0, 24.0, 50.0])
 @pytest.mark.parametrize("profile", [blinks.PAPER, blinks.PHYSIOLOGICAL])
 def test_blinks_come_at_the_rate_asked_for(profile, rate):
-    drawn = blinks.sample_blinks(profile, 3600.0, np.random.default_rng(0), rate_per_min=rate)
+    drawn = tuple(blinks.sample_blinks(profile, 3600.0, np.random.default_rng(0), rate_per_min=rate))
     assert len(drawn) / 60 == pytest.approx(rate, rel=0.12)
     intervals = np.diff([blink.onset_s for blink in drawn])
     assert all(blinks.end_s(a) <= b.onset_s for a, b in pairwise(drawn))
@@ -196,9 +196,8 @@ def test_blinks_come_at_the_rate_asked_for(profile, rate):
 
 def test_blinks_prefer_phrase_ends():
     spans = tuple(Span(start, start + 2.5) for start in np.arange(0.0, 3000.0, 3.0))
-    drawn = blinks.sample_blinks(
-        blinks.PHYSIOLOGICAL, 3000.0, np.random.default_rng(0), Annotation(speaking=spans), 24.0
-    )
+    spoken = Annotation(speaking=spans)
+    drawn = tuple(blinks.sample_blinks(blinks.PHYSIOLOGICAL, 3000.0, np.random.default_rng(0), spoken, 24.0))
     phase = np.array([blink.onset_s for blink in drawn]) % 3.0
     ends = ((phase > 2.0) & (phase < 3.0)).sum() / 1.0
     middle = ((phase > 0.6) & (phase < 2.0)).sum() / 1.4

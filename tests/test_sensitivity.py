@@ -165,9 +165,8 @@ def test_without_blinks_their_metrics_have_nothing_to_measure(found) -> None:
 
 def test_every_metric_detects_some_corruption(found) -> None:
     blind = {name for name, cells in found.items() if not detected_corruptions(cells)}
-    aversion = {f"reference_correlation/aversion_{axis}" for axis in ("yaw", "pitch")} | {
-        "partner_gaze/aversion_median"
-    }
+    aversion = {"reference_correlation/aversion_yaw", "reference_correlation/aversion_pitch"}
+    aversion.add("partner_gaze/aversion_median")  # in 2 of 6 pools of this size
     assert blind <= {*aversion, "eye/pitch_skew", "head/pitch_velocity_skew", "saccades/interval_cv"}
 
 
@@ -207,9 +206,14 @@ def test_doses_ascend_to_the_size_in_the_title() -> None:
             assert each.doses[-1] == pytest.approx(float(size[0]))
 
 
-def test_true_takes_differ_no_more_often_than_by_chance(found) -> None:
-    false = [name for name, cells in found.items() if cells[UNCORRUPTED.name].effect_size > 1]
-    assert len(false) <= 0.15 * len(found), false  # by chance 0.05, but metrics are correlated
+@pytest.mark.long
+def test_true_takes_differ_no_more_often_than_by_chance() -> None:
+    """In a tenth of the metrics at most, over pools: metrics are correlated, so single pools have 0.03 to 0.20."""
+    shares = []
+    for seed in range(6):
+        cells = sensitivity_matrix(split_takes(sketch_clips(16, 2, 2, 12.0, 25.0, seed=seed)), SETTINGS, corruptions=[])
+        shares.append(np.mean([each[UNCORRUPTED.name].effect_size > 1 for each in cells.values()]))
+    assert np.mean(shares) <= 0.1, shares
 
 
 @pytest.mark.long

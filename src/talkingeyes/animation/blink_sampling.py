@@ -93,7 +93,7 @@ def spontaneous_blinks(
     if missing <= 0 or occupied_s >= seconds:
         return ()
     free_rate = 60.0 * missing / (seconds - occupied_s)
-    candidates = blinks.sample_blinks(context.blink_profile, seconds, rng, context.turns, free_rate)
+    candidates = tuple(blinks.sample_blinks(context.blink_profile, seconds, rng, context.turns, free_rate))
     return tuple(blink for blink in blinks.drop_overlapping(evoked, candidates) if blink not in evoked)
 
 

@@ -214,4 +214,4 @@ class LiveModel:
             raise InputError(f"blinks: should be one of {', '.join(self.blink_profiles)}, got {controls.blinks}")
         profile, rng = self.blink_profiles[controls.blinks], np.random.default_rng([seed, 0])
         rate = blinks.sample_blink_rate(profile, rng) * controls.liveliness.blinks
-        return blinks.iterate_blinks(profile, LONGEST_S, rng, rate_per_min=rate) if rate else iter(())
+        return blinks.sample_blinks(profile, LONGEST_S, rng, rate_per_min=rate) if rate else iter(())

@@ -85,18 +85,6 @@ def sample_blinks(
     annotation: Annotation | None = None,
     rate_per_min: float | None = None,
     full: float = COMPLETE_PROBABILITY,
-) -> tuple[Blink, ...]:
-    """`iterate_blinks`, all of them."""
-    return tuple(iterate_blinks(profile, seconds, rng, annotation, rate_per_min, full))
-
-
-def iterate_blinks(
-    profile: BlinkProfile,
-    seconds: float,
-    rng: np.random.Generator,
-    annotation: Annotation | None = None,
-    rate_per_min: float | None = None,
-    full: float = COMPLETE_PROBABILITY,
 ) -> Iterator[Blink]:
     """Sample blinks over `seconds`, at a rate from the profile unless given; `full` is the probability of full closure.
 

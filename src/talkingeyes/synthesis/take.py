@@ -185,5 +185,5 @@ def _blinks(
                 blinks.sample_blink(profile, shift.onset_s + rng.uniform(-0.03, 0.03), rng, EVOKED_COMPLETE_PROBABILITY)
             )
     spontaneous = max(style.blinks_per_min - 60.0 * len(evoked) / seconds, MIN_SPONTANEOUS_SHARE * style.blinks_per_min)
-    others = blinks.sample_blinks(profile, seconds, rng, annotation, spontaneous, style.blink_completeness)
+    others = tuple(blinks.sample_blinks(profile, seconds, rng, annotation, spontaneous, style.blink_completeness))
     return blinks.drop_overlapping(evoked, others)

@@ -23,13 +23,13 @@ RECENT_S, RECENT = 60.0, 20_000  # of which quantiles of lateness are given: sec
 
 
 class Lateness:
-    """The lateness of one stream, and when its client is to be told."""
+    """The lateness of one stream, and when its client is notified."""
 
     def __init__(self, recent: deque[tuple[float, float]]) -> None:
         self._recent, self._told_s, self._is_behind = recent, -np.inf, False
 
     def add(self, late_s: float) -> float | None:
-        """Note the lateness of a step. Returns what the client should be told: how late frames are, at most once a
+        """Note the lateness of a step. Returns what the client is notified of: how late frames are, at most once a
         second while they are late, then 0 once."""
         now = time.monotonic()
         self._recent.append((now, max(late_s, 0.0)))

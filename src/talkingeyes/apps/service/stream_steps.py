@@ -114,7 +114,7 @@ class StreamSteps:
             reply: StepReply = await self.worker.call(message, STEP_TIMEOUT_S)
             answers = reply.answers
             self._steps.append((time.monotonic(), reply.step_s))
-        except Exception as error:  # every stream must hear of it
+        except Exception as error:  # every stream ends with it
             answers = [error] * len(requests)
         for each, answer in zip(requests, answers, strict=True):
             if each.answer.done():  # the client has gone

@@ -66,7 +66,7 @@ def create_app(
 
 
 async def _gone(_: Any, __: Exception) -> Response:
-    """The answer to a client that has left before its request was complete, which nobody reads."""
+    """The answer to a client that has left before its request was complete."""
     from starlette.responses import Response
 
     return Response(status_code=400)
