@@ -315,10 +315,12 @@ def test_swapped_motion_is_of_another_speaker(takes) -> None:
 
 @pytest.mark.long
 def test_late_motion_is_detected_around_the_events_of_a_conversation() -> None:
-    takes = split_takes(sketch_clips(24, 4, 2, 24.0, 25.0, seed=0, conversation=True))
+    takes = split_takes(
+        sketch_clips(64, 4, 2, 24.0, 25.0, seed=0, conversation=True)
+    )  # 24 are too few for ends of turns
     delayed, diverging = BY_NAME["delayed"], BY_NAME["diverging eyes"]
     found = sensitivity_matrix(takes, SETTINGS, corruptions=[delayed, diverging])
     events = [name for name in found if name.startswith(("turn_", "hesitation/", "filler/"))]
     assert len(events) == 7
-    assert {name for name in events if found[name][delayed.name].detected} >= set(events) - {"hesitation/rise"}
+    assert {name for name in events if found[name][delayed.name].detected} >= set(events) - {"filler/rise"}  # no cue
     assert not any(found[name][diverging.name].detected for name in events)
