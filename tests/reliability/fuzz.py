@@ -48,7 +48,7 @@ class Watch:
     """An audit hook that notes what a command does besides reading files and writing below `place`."""
 
     def __init__(self, place: Path) -> None:
-        self.place, self.done, self.on = f"{place}/", [], False
+        self.allowed, self.done, self.on = (f"{place}/", "/dev/", tempfile.gettempdir()), [], False
         sys.addaudithook(self._heard)
 
     def _heard(self, event: str, arguments: tuple[Any, ...]) -> None:
@@ -58,7 +58,7 @@ class Watch:
             self.done.append(event)
         elif event == "open" and isinstance(arguments[0], str) and isinstance(arguments[2], int):
             path = os.path.abspath(arguments[0])
-            allowed = path.startswith((self.place, "/dev/", tempfile.gettempdir())) or path.endswith(".pyc")
+            allowed = path.startswith(self.allowed) or path.endswith(".pyc")
             if arguments[2] & WRITING and ("canary" in path or not (allowed or ".pyc." in path)):
                 self.done.append(f"wrote {path}")
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import gzip
 import io
 import json
+import multiprocessing
 import os
 import pickle
 import re
@@ -340,6 +341,19 @@ def test_a_stage_cannot_end_or_fill_the_process_that_reads_it(tmp_path: Path) ->
         usd._apart(tmp_path / "a.usdc", lambda path: len(bytearray(usd.MAX_ADDRESSES)))
     (tmp_path / "b.usda").write_text('#usda 1.0\n(\n    customLayerData = { string forward_axis = "visual" }\n)\n')
     assert usd.read_layer_data(tmp_path / "b.usda") == {"forward_axis": "visual"}
+
+
+def reads(path: Path) -> None:
+    assert usd.read_layer_data(path) == {}
+
+
+def test_a_process_that_reads_a_stage_ends(tmp_path: Path) -> None:
+    pytest.importorskip("pxr")
+    (tmp_path / "a.usda").write_text("#usda 1.0\n")
+    reader = multiprocessing.get_context("fork").Process(target=reads, args=(tmp_path / "a.usda",))
+    reader.start()
+    reader.join(120)
+    assert reader.exitcode == 0
 
 
 def test_views_of_a_torch_file_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

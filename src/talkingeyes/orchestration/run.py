@@ -16,7 +16,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -210,15 +210,30 @@ def parallel_map(function: Callable[[A], B], items: Iterable[A], jobs: int, titl
     backend = get_active_backend()[0]
     items = list(items)
     tasks = (joblib.delayed(function)(item) for item in items)
-    results = joblib.Parallel(
+    parallel = joblib.Parallel(
         n_jobs=1 if backend.nesting_level else jobs,
         return_as="generator" if backend.supports_return_generator else "list",
         pre_dispatch="4*n_jobs",
-    )(tasks)
+    )
     try:
+        with _without_interrupts() if backend.supports_return_generator else nullcontext():
+            results = parallel(tasks)
         yield from progress_bar(results, title, len(items))
     except BrokenProcessPool:
         raise InputError(f"{title}: a process was killed, perhaps for want of memory") from None
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Workers that start here leave Ctrl-C to this process, which ends them; else each shows a traceback."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

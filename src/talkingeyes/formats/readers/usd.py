@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
-from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -38,21 +37,16 @@ def read_layer_data(path: Path) -> dict[str, Any]:
 
 
 def _apart(path: Path, read: Callable[..., Result], *arguments: Any) -> Result:
-    try:
-        return cast(Result, _reader().submit(read, path, *arguments).result(MAX_S))
-    except BrokenProcessPool:
-        error = f"its reader ended; it may have {MAX_ADDRESSES:,} bytes of memory"
-    except TimeoutError:
-        error = f"its reader may take {MAX_S:g} s"
-    _reader().shutdown(kill_workers=True)
-    _reader.cache_clear()
+    """A process for each read: one that is kept would hang a parent that is forked, or itself a child."""
+    with ProcessPoolExecutor(1, initializer=_bound_memory) as pool:
+        try:
+            return cast(Result, pool.submit(read, path, *arguments).result(MAX_S))
+        except BrokenProcessPool:
+            error = f"its reader ended; it may have {MAX_ADDRESSES:,} bytes of memory"
+        except TimeoutError:
+            pool.shutdown(kill_workers=True)
+            error = f"its reader may take {MAX_S:g} s"
     raise InputError(f"{path}: not a readable USD stage ({error})")
-
-
-@cache
-def _reader() -> ProcessPoolExecutor:
-    # It ends when idle: a parent that multiprocessing has started waits for its children before it tells them to end.
-    return ProcessPoolExecutor(1, timeout=1.0, initializer=_bound_memory)
 
 
 def _bound_memory() -> None:
