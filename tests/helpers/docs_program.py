@@ -34,7 +34,7 @@ SUBSTITUTIONS = [
         r"\bexperiment=probtalk3d_table\b",
         f"experiment=[probtalk3d_table,tiny] {STEPS.format('pretrain.face_vae')} {STEPS.format('model.face_vae')}",
     ),
-    (r"^python -m pytest -n 2( --maxfail 10)?$", "python -m pytest -n 0 -q tests/test_layers.py"),
+    (r"^python -m pytest -n 2( --maxfail 10)?( -m .*)?$", "python -m pytest -n 0 -q tests/test_layers.py"),
     (r"^(talkingeyes animate (?=.*two_cities\.wav).*)", r"\1 --no-previews"),
     (r"^(talkingeyes animate (?!.*--samples).*)", r"\1 --samples 1"),
     (r"^(talkingeyes study make .*)", r"\1 --allow-fewer --size 64 --condition ours=ONE_CLIP"),

@@ -46,6 +46,9 @@ talkingeyes export OTHER.npz -f vhap --model FLAME_FILE -o TRACKED.npz
 talkingeyes export OTHER.npz -f livelink -o OTHER.csv
 NAME=$(basename "$SOUND" .flac); ln -s data/synthesize CORPUS
 mkdir YOUR_FILES SOUNDS && cp OTHER.csv "YOUR_FILES/$NAME-t0.csv" && cp SPEECH.wav "SOUNDS/$NAME-t0.wav"
+mkdir DIALOGUES && cp both.wav "DIALOGUES/$NAME-t0.wav"
+printf 'pair,person,coder,start_ms,end_ms\np,a,1,0,2000\np,b,1,0,9000\n' > CONTACT
+printf 'pair,start_s,end_s,speaker\np,0,4,a\np,4,9,b\n' > TURNS
 mkdir -p build/experiment shared
 cp mlflow.db build/experiment/ && cp -r VIDEOS shared/videos && cp VIDEOS/person_0/talk.mp4 VIDEO
 mkdir ONE_CLIP && cp "$(find data/sample/talkingeyes_events -name '*.npz' | sort | head -n 1)" ONE_CLIP
