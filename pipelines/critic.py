@@ -1,10 +1,11 @@
 """Stage `critic`: train the evaluation networks: contrastive critics behind Corr. for eye-in-head, gaze in space and
-head, and the encoder behind the Frechet distance.
+head, the encoder behind the Frechet distance, and the classifier of emotion from head and gaze.
 
-Reads   data/fit, data/embed (train split; test and unseen only for the report after training)
+Reads   the corpus, data/fit, data/embed (train split; test and unseen only for the report after training)
 Writes  data/critic/<part>/ and data/critic/encoder/ (weights, config, history) and data/critic/report.json: AUC with
         negatives of the same speaker and with all; Corr. of the truth, of the truth with other sounds of the speaker,
-        and of a constant; data/critic/notes.txt: one line per part whose metrics have a caveat
+        and of a constant; data/critic/notes.txt: one line per part whose metrics have a caveat; data/critic/emotion.npz
+        (not for a corpus of fewer than two emotions)
 Run     python -m pipelines.critic; an interrupted run resumes from data/.critic-<part>.resume
 """
 
@@ -17,7 +18,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core.motion import Motion
+from talkingeyes.corpus.fitted_clips import motion_path
+from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.recordings import recordings
+from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.measures.critic import (
     ChannelSelection,
@@ -27,6 +36,8 @@ from talkingeyes.evaluation.measures.critic import (
     split_speakers,
     train_critic,
 )
+from talkingeyes.evaluation.papers.probtalk3d_metrics import EmotionClassifier
+from talkingeyes.evaluation.report.emotion import EMOTION_FILE, fit_classifier, head_gaze_features
 from talkingeyes.models.contrastive_critic import CRITIC_PARTS
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main, parallel_map
 
@@ -58,6 +69,8 @@ def run(workspace: Workspace) -> Report:
         for caveat in notes:
             print(f"critic of {caveat}")
         explained = train_encoder(workspace.corpus, workspace.data("fit"), workspace.data("embed"), folder, settings)
+        if (classifier := train_emotion_classifier(workspace)) is not None:
+            classifier.save(folder / EMOTION_FILE)
     for part in CRITIC_PARTS:
         workspace.data(f".critic-{part}.resume").unlink(missing_ok=True)
     metrics = {**dict(_flat(verdicts)), "encoder/explained": explained}
@@ -109,6 +122,23 @@ def train_encoder(corpus_root: Path, fit: Path, embed: Path, folder: Path, setti
     (folder / CHECKPOINT_NAME).mkdir()
     save(folder / CHECKPOINT_NAME, trained.encoder.network.state_dict(), trained.encoder.config, trained.history)
     return max(row["explained_variance"] for row in trained.history)
+
+
+def train_emotion_classifier(workspace: Workspace) -> EmotionClassifier | None:
+    """Train the classifier of emotion from head and gaze on real motion; None if it has fewer than two emotions."""
+    corpus, fit = Corpus(workspace.corpus), workspace.data("fit")
+    clips = [each for each in corpus.select("train", take=0) if motion_path(fit, each).exists()]
+    if len({clip.emotion for clip in clips}) < 2:
+        return None
+    measure = partial(_real_features, corpus.root, fit)
+    features = np.array(list(parallel_map(measure, clips, workspace.jobs, "critic: emotions")))
+    return fit_classifier(features, [clip.emotion for clip in clips])
+
+
+def _real_features(root: Path, fit: Path, clip: Clip) -> Float[ndarray, " F"]:
+    corpus = Corpus(root)
+    motion = corpus.truth(clip) if corpus.has_truth else Motion.load(motion_path(fit, clip))
+    return np.asarray(head_gaze_features(Samples.of(clip.fps, [motion]))[0])
 
 
 def _flat(verdicts: dict[str, dict[str, CriticScores]]) -> Iterable[tuple[str, float]]:

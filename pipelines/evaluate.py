@@ -52,7 +52,7 @@ from talkingeyes.evaluation.bootstrap import Estimate
 from talkingeyes.evaluation.detectors.behaviour import with_references
 from talkingeyes.evaluation.measures.corr import CRITICS, SHUFFLED_SOUNDS, CorrScores, corr_scores
 from talkingeyes.evaluation.measures.evaluators import Evaluators
-from talkingeyes.evaluation.papers.probtalk3d_metrics import summarise_face
+from talkingeyes.evaluation.papers.probtalk3d_metrics import EmotionClassifier, summarise_face
 from talkingeyes.evaluation.papers.talkingeyes_metrics import (
     ClipMetrics,
     EvaluateSettings,
@@ -61,9 +61,9 @@ from talkingeyes.evaluation.papers.talkingeyes_metrics import (
     summarise,
 )
 from talkingeyes.evaluation.report.emotion import (
+    EMOTION_FILE,
     EmotionalSound,
     emotion_recognised,
-    fit_classifier,
     head_gaze_features,
 )
 from talkingeyes.evaluation.report.information import (
@@ -137,7 +137,7 @@ def run(workspace: Workspace, name: str, training: Workspace | None = None) -> R
         if aversions:
             of_aversion = _aversion(training or workspace, name, aversions, references, settings)
             (folder / "aversion.json").write_text(json.dumps(of_aversion, indent=1))
-            if of_emotion := _emotion(training or workspace, name, emotions, settings):
+            if of_emotion := _emotion(paths.critic, emotions, settings):
                 (folder / "emotion.json").write_text(json.dumps(of_emotion, indent=1))
         _write_speeds(folder / "speed.csv", found)
     return Report(metrics=_flat(figures), artifacts=[workspace.data("evaluate", name, "metrics.json")])
@@ -176,25 +176,13 @@ def _real_aversion(row: str, root: Path, fit: Path, clip: Clip) -> SoundAversion
     return sound_aversion(clip.speaker, motion_behaviours([motion], corpus.annotation(clip)))
 
 
-def _emotion(
-    training: Workspace, row: str, sounds: Sequence[EmotionalSound], settings: EvaluateSettings
-) -> dict[str, Any]:
-    """How often the emotion is recognised, and chance; empty if the train split has fewer than two emotions."""
-    corpus = Corpus(training.corpus)
-    clips = [each for each in corpus.select("train", take=0) if motion_path(training.data("fit"), each).exists()]
-    if len({clip.emotion for clip in clips}) < 2:
+def _emotion(critic: Path, sounds: Sequence[EmotionalSound], settings: EvaluateSettings) -> dict[str, Any]:
+    """How often the emotion is recognised, and chance; empty if the critics' corpus has fewer than two emotions."""
+    if not (critic / EMOTION_FILE).exists():
         return {}
-    measure = partial(_real_features, corpus.root, training.data("fit"))
-    features = np.array(list(parallel_map(measure, clips, training.jobs, f"emotion {row}")))
-    classifier = fit_classifier(features, [clip.emotion for clip in clips])
+    classifier = EmotionClassifier.load(critic / EMOTION_FILE)
     chance = 1 / len({each.emotion for each in sounds})
     return {"recognised": asdict(emotion_recognised(classifier, sounds, settings.bootstrap)), "chance": chance}
-
-
-def _real_features(root: Path, fit: Path, clip: Clip) -> Float[ndarray, " F"]:
-    corpus = Corpus(root)
-    motion = corpus.truth(clip) if corpus.has_truth else Motion.load(motion_path(fit, clip))
-    return np.asarray(head_gaze_features(Samples.of(clip.fps, [motion]))[0])
 
 
 def _faces(

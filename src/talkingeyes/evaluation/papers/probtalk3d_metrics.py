@@ -15,12 +15,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation
+from talkingeyes.core.containers import read_npz
+from talkingeyes.core.npz import save_npz
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.evaluation.bootstrap import (
     BootstrapSettings,
@@ -70,6 +73,16 @@ class EmotionClassifier:
         covariance += SHRINKAGE * spread * np.eye(len(covariance))
         weights = np.linalg.solve(covariance, means.T).T
         return cls(names, weights, -0.5 * np.einsum("kf,kf->k", weights, means))
+
+    @classmethod
+    def load(cls, path: Path) -> EmotionClassifier:
+        """Read what `save` wrote. Raises InputError (one line)."""
+        found = read_npz(path, {"emotions", "weights", "offsets"}, "classifier of the stage critic")
+        return cls(tuple(map(str, found["emotions"])), found["weights"], found["offsets"])
+
+    def save(self, path: Path) -> None:
+        """Write the classifier as npz."""
+        save_npz(path, emotions=np.array(self.emotions), weights=self.weights, offsets=self.offsets)
 
     def predict(self, feature_rows: Float[ndarray, "N F"]) -> list[str]:
         """Most likely emotion of each row."""

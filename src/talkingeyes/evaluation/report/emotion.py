@@ -21,6 +21,7 @@ from talkingeyes.corpus.samples import Samples
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, SoundStatistic, TableEstimate, estimate
 from talkingeyes.evaluation.papers.probtalk3d_metrics import EmotionClassifier, balanced_accuracy
 
+EMOTION_FILE = "emotion.npz"  # the classifier, in the output folder of the stage `critic`
 SACCADE_DEG_S = 30.0  # speed of gaze from which a frame counts as part of a shift
 # Added before logarithms: motion below these does not show. Degrees, degrees per second, fraction of frames.
 LEAST_DEG, LEAST_DEG_S, LEAST_SHARE = 0.1, 0.5, 0.005
