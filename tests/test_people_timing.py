@@ -105,6 +105,11 @@ def test_tables_are_read_by_coder_and_where_they_agree(tmp_path: Path) -> None:
         ("contact", ("p,b,1,0,9000", "p,b,1,99,9"), r"contact.csv, row 4: should end at or after its start 0.099 s"),
         ("contact", ("p,b,1,0,9000", "p,c,1,0,9000"), "contact.csv, row 4: person should be a or b, got c"),
         ("contact", ("p,b,1,0,9000", "q,b,1,0,9000"), "contact.csv, row 4: pair q has no turns in .*turns.csv"),
+        (
+            "contact",
+            (CONTACT, CONTACT.splitlines()[0] + "\np,a,1,0,20\n"),
+            "contact.csv, row 2: looks and turns of pair p should last 40 ms or more",
+        ),
         ("contact", ("coder", "rater"), "contact.csv: should have a column coder, got pair, person, rater"),
         ("turns", ("4,5,a", "4,2,a"), "turns.csv, row 4: should end at or after its start 4 s, got 2 s"),
         (

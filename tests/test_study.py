@@ -491,6 +491,15 @@ def test_invalid_answers_file_is_one_line_error(tmp_path: Path) -> None:
         AnswerDatabase(tmp_path / "answers.sqlite").register()
 
 
+def test_damaged_names_in_an_answers_file_are_one_line_error(tmp_path: Path) -> None:
+    answers = AnswerDatabase(tmp_path / "answers.sqlite")
+    answers.register()
+    content = answers.path.read_bytes()
+    answers.path.write_bytes(content.replace(b"CREATE TABLE", b"CREATE T\x9bBLE"))
+    with pytest.raises(InputError, match="should hold the answers of a study"):
+        answers.register()
+
+
 def test_samples_of_faces_are_motions(tmp_path: Path) -> None:
     data = toy_data(tmp_path, clips=1)
     (path,) = (data / "sample/probtalk3d").rglob("*.npz")

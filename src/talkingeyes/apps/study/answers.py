@@ -69,7 +69,7 @@ class AnswerDatabase:
                 connection.executescript(SCHEMA)
                 with connection:
                     yield connection
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeDecodeError) as error:  # an error may hold bytes of a damaged file
             raise InputError(f"{self.path}: should hold the answers of a study, got: {error}") from None
 
     def register(self) -> str:

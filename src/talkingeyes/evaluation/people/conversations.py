@@ -128,6 +128,9 @@ def read_conversations(contact: Path, turns: Path) -> dict[str, list[Conversatio
             own = turns_of[pair]
             last_s = max(span.end_s for span in own.own + own.partner)
             frames = int(min(end_s[of_pair].max(), last_s) * RATE_HZ)
+            if not frames:
+                row = of_pair.argmax() + 2
+                raise InputError(f"{contact}, row {row}: looks and turns of pair {pair} should last 40 ms or more")
             for person in PERSONS:
                 averted = np.ones(frames, bool)
                 chosen = of_pair & (persons == person)
