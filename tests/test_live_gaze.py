@@ -57,8 +57,7 @@ def changed_at(
         if change is not None:
             named.append(change(stream))
     parts.append(stream.finish())
-    names = ("head", "gaze", "lid")
-    return StreamFrames(0, *(np.concatenate([getattr(part, name) for part in parts]) for name in names)), named
+    return StreamFrames.concat(parts), named
 
 
 def missed_deg(frames: StreamFrames, direction: GazeDirection) -> Float[ndarray, " T"]:

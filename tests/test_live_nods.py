@@ -68,9 +68,7 @@ def streamed(
         parts.append(stream.push(sound[start:stop], None if partner is None else partner[start:stop]))
         start, turn = stop, turn + 1
     parts.append(stream.finish())
-    return StreamFrames(
-        0, *(np.concatenate([getattr(part, name) for part in parts]) for name in ("head", "gaze", "lid"))
-    )
+    return StreamFrames.concat(parts)
 
 
 def nodding(frames: StreamFrames, others: StreamFrames, fps: float) -> ndarray:

@@ -801,7 +801,12 @@ class TestMistakes:
 
     def test_service_still_works_and_wrote_only_in_its_folder(self, service: Service) -> None:
         well(service)
-        assert {each.name for each in service.place.iterdir()} == {"talkingeyes", "talkingeyes_live", "temporary"}
+        assert {each.name for each in service.place.iterdir()} == {
+            "face_live",
+            "talkingeyes",
+            "talkingeyes_live",
+            "temporary",
+        }
 
 
 def choose_file(browser: Browser, selector: str, path: Path) -> None:

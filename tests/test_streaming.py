@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from live_model import CODES, LIVE_GAZE, embedding_settings, write_live_model
+from live_model import CODES, LIVE_GAZE, embedding_settings, write_live_face, write_live_model
 from model_conf import model_section
 from numpy import ndarray
 
-from talkingeyes.animation.controls import Liveliness
+from talkingeyes.animation.controls import NEUTRAL_FACE, Liveliness
+from talkingeyes.animation.face import with_face
 from talkingeyes.animation.live_gaze import GazeDirection
 from talkingeyes.animation.live_stream import StreamFrames, StreamSound, push_together
+from talkingeyes.animation.model_file import LIVE_FACE_FOLDER
 from talkingeyes.animation.streaming import MAX_LATENCY_S, LiveControls, LiveModel
-from talkingeyes.audio.encoder import make_encoder
+from talkingeyes.audio.encoder import LOUD_PERCENTILE, make_encoder
 from talkingeyes.audio.speech_boundaries import BOUNDARY_CHANNELS
 from talkingeyes.audio.streaming_prosody import DEFAULT_LEVEL_DBFS, RunningLevel, StreamingProsody
-from talkingeyes.audio.waveform import SAMPLE_RATE, frame_count
+from talkingeyes.audio.waveform import SAMPLE_RATE, block_levels_dbfs, frame_count
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.kinematics import eye_speed_deg_s
 from talkingeyes.core.motion import Motion
+from talkingeyes.models.face.style import STYLE_FADE_S, FaceStyle, StyleKey
 from talkingeyes.models.layers.convolution import ConvolutionStack
 from talkingeyes.models.motion_stream import MotionStreams, StreamingModules, concat_motions
 
 SECONDS = 3.3
+NAMES = ("head", "gaze", "lid", "jaw", "expression")
 
 
 def speech(seconds: float = SECONDS, seed: int = 0) -> ndarray:
@@ -74,13 +79,11 @@ def streamed(
 def joined(parts: list[StreamFrames]) -> StreamFrames:
     """Consecutive parts of a stream as one."""
     assert [part.first for part in parts] == np.cumsum([0, *(len(part) for part in parts[:-1])]).tolist()
-    return StreamFrames(
-        0, *(np.concatenate([getattr(part, name) for part in parts]) for name in ("head", "gaze", "lid"))
-    )
+    return StreamFrames.concat(parts)
 
 
 def close(one: StreamFrames | Motion, other: StreamFrames | Motion) -> None:
-    for name in ("head", "gaze", "lid"):
+    for name in NAMES:
         np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-5)
 
 
@@ -97,7 +100,7 @@ def test_output_is_independent_of_chunks(live: LiveModel) -> None:
     expected = streamed(live, sound, [640])
     for sizes in ([len(sound)], [160], [1, 7000, 333, 0]):
         found = streamed(live, sound, sizes)
-        for name in ("head", "gaze", "lid"):
+        for name in NAMES:
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
@@ -315,6 +318,65 @@ def test_model_with_too_much_latency_is_an_error(live: LiveModel, tmp_path: Path
         LiveModel.load(write_live_model(tmp_path / "model", speech=late))
 
 
+class TestFace:
+    """Emotions, and faces that cannot be streamed. Other tests compare the face with that of the whole sound."""
+
+    def test_an_emotion_changes_face_and_lids_alone(self, live: LiveModel) -> None:
+        controls = LiveControls(face=FaceStyle(None, "surprised", 3))
+        whole, neutral = (live.generate_offline(speech(), 4, each) for each in (controls, LiveControls()))
+        close(streamed(live, speech(), [1, 7000, 333, 0], controls=controls), whole)
+        assert np.abs(whole.expression - neutral.expression).max() > 0.05
+        assert whole.lid.min() == pytest.approx(-0.3)
+        for name in ("head", "gaze"):
+            np.testing.assert_array_equal(getattr(whole, name), getattr(neutral, name))
+
+    @pytest.mark.parametrize("pause", [640, 4000, 12000])
+    def test_a_changed_emotion_fades_in_as_in_files(self, live: LiveModel, pause: int) -> None:
+        """Also while the last change still fades in."""
+        sound, stream = speech(), live.stream(4)
+        styles = [FaceStyle(None, *each) for each in (("happy", 1), ("angry", 3), ("neutral", 0))]
+        keys, parts, start = [StyleKey(0.0, NEUTRAL_FACE[0].style)], [], 0
+        for style in styles:
+            parts.append(stream.push(sound[start : start + pause]))
+            keys.append(StyleKey(stream.change(face=style) / live.fps, style))
+            assert stream.change(face=style) == round(keys[-1].onset_s * live.fps)
+            start += pause
+        found = joined([*parts, stream.push(sound[start:]), stream.finish()])
+        speech_channels = live.face.generator.network.speech.embedding_of(
+            live.features.process_offline(sound), live.features.channels
+        )
+        last = {key.onset_s: key for key in keys}  # of several changes of one frame
+        faces = live.face.generator.generate(speech_channels.numpy(), [*last.values()], [0], live.fps)
+        whole = with_face(live.generate_offline(sound, 4), faces, 0, keys)
+        np.testing.assert_allclose(found.jaw, whole.jaw, atol=1e-5)
+        np.testing.assert_allclose(found.expression, whole.expression, atol=1e-5)
+        assert len(stream._styles) <= 1 + STYLE_FADE_S * live.fps
+
+    @pytest.mark.parametrize(
+        ("changes", "message"),
+        [
+            ({"speech": {"lookahead": 5}}, "at most 4 frames ahead, got 5"),
+            ({"face": {"kind": "diffusion", "width": 16, "layers": 1, "dropout": 0.0, "diffusion_steps": 20,
+                       "sampling_steps": 5, "eta": 0.0}}, "should be streamable"),
+        ],
+    )  # fmt: skip
+    def test_a_face_with_other_lookahead_is_an_error(
+        self, tmp_path: Path, changes: dict[str, Any], message: str
+    ) -> None:
+        model = write_live_model(tmp_path / "model")
+        if "speech" in changes:
+            changes = {"speech": model_section("face_live")["speech"] | {"width": 24} | changes["speech"]}
+        write_live_face(tmp_path / LIVE_FACE_FOLDER, **changes)
+        with pytest.raises(InputError, match=message):
+            LiveModel.load(model)
+
+    def test_a_face_with_other_prosody_is_an_error(self, tmp_path: Path) -> None:
+        model, settings = write_live_model(tmp_path / "model"), embedding_settings()
+        write_live_face(tmp_path / LIVE_FACE_FOLDER, settings.model_copy(update={"level_dbfs": -26.0}))
+        with pytest.raises(InputError, match="level and prosody of its face"):
+            LiveModel.load(model)
+
+
 class TestNetwork:
     def test_it_takes_parts_of_any_length(self, live: LiveModel) -> None:
         torch.manual_seed(0)
@@ -358,14 +420,18 @@ class TestNetwork:
 
 
 class TestProsody:
-    def test_it_is_the_prosody_of_the_embedding_but_for_the_level(self) -> None:
+    def test_it_is_the_embedding_but_for_the_level(self) -> None:
         settings, sound = embedding_settings(), speech()
-        live = StreamingProsody(settings, 25.0).process_offline(sound)
-        whole = make_encoder(settings)(sound, 25.0)[:, -3 - len(BOUNDARY_CHANNELS) : -len(BOUNDARY_CHANNELS)]
-        np.testing.assert_allclose(live[:, 1:], whole[:, 1:], atol=1e-3)
-        loud = whole[:, 0] > settings.prosody.energy_floor_dbfs + 10
-        off = np.abs(live - whole)[loud, 0]
+        features = StreamingProsody(settings, 25.0)
+        live = features.process_offline(sound)
+        whole = make_encoder(settings)(sound, 25.0)[:, : -len(BOUNDARY_CHANNELS)]
+        np.testing.assert_allclose(live[:, -2:], whole[:, -2:], atol=1e-3)
+        loud = whole[:, -3] > settings.prosody.energy_floor_dbfs + 10
+        off = np.abs(live - whole)[loud, -3]
         assert off[-10:].max() < min(off[:10].min(), 4.0)  # the estimate of the level improves
+        level = RunningLevel()
+        level.levels_dbfs = [float(np.percentile(block_levels_dbfs(sound), LOUD_PERCENTILE))]
+        np.testing.assert_allclose(features._normalise(features._analyse(sound), 0, level), whole, atol=2e-3)
 
     def test_level_starts_at_default_and_follows_the_sound(self) -> None:
         level = RunningLevel()

@@ -14,11 +14,17 @@ import torch
 import yaml
 from model_conf import model_section
 
+from talkingeyes.animation.model_file import LIVE_FACE_FOLDER
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
+from talkingeyes.models.face.basis import FaceBasis
+from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
+from talkingeyes.models.speech_to_face import SpeechToFace
 from talkingeyes.models.speech_to_motion import SpeechToMotion
 from talkingeyes.orchestration.config import CONFIG_DIR
+from talkingeyes.physiology.face import FACE_SHAPES
 from talkingeyes.training.checkpoint import save
+from talkingeyes.training.face_task import FaceTaskSettings
 from talkingeyes.training.motion_generators import network_config
 from talkingeyes.training.motion_task import MotionTaskSettings
 
@@ -71,4 +77,25 @@ def write_live_model(folder: Path, speakers: Sequence[str] = (), **changes: Any)
     law = {"mean": 3.1, "sd": 0.3}
     (folder / "blinks.json").write_text(json.dumps({"speakers": {"log_normal": law, "count": 5, "without_blinks": 0}}))
     (folder / "speakers.json").write_text("{}")
+    write_live_face(folder.parent / LIVE_FACE_FOLDER)
+    return folder
+
+
+def write_live_face(folder: Path, embedding: EmbedSettings | None = None, **changes: Any) -> Path:
+    """Write an untrained face for streams (conf/model/face_live.yaml, narrower) with changed top-level settings."""
+    torch.manual_seed(4)
+    section = model_section("face_live")
+    section["speech"]["width"] = 24
+    settings, embedding = FaceTaskSettings.model_validate(section | changes), embedding or embedding_settings()
+    channels, basis = make_encoder(embedding).channels, FaceBasis("anny", FACE_SHAPES)
+    network = SpeechToFace(settings, channels, StyleVocabulary(("s1", "s2")), basis.numbers, None)
+    network.speech.standardise_by(torch.full((len(channels),), -10.0), torch.full((len(channels),), 10.0))
+    network.face.normalise_by(torch.full((basis.numbers,), 0.2), torch.full((basis.numbers,), 0.2))
+    network.set_range(torch.zeros(basis.numbers), torch.full((basis.numbers,), 0.8))
+    folder.mkdir(parents=True, exist_ok=True)
+    config = {"model": settings.model_dump(mode="json"), "channels": channels, "basis": basis.to_dict()}
+    save(folder, network.state_dict(), {**config, "speakers": ["s1", "s2"], "tokenizer": None})
+    (folder / "embedding.json").write_text(
+        json.dumps({"fps": 25.0, "channels": channels, "settings": embedding.model_dump(mode="json")})
+    )
     return folder

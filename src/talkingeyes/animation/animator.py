@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Iterable, Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,7 +24,7 @@ from talkingeyes.animation.face import FaceAnimator
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory
 from talkingeyes.animation.inference.loading import load_motion_generator
 from talkingeyes.animation.inference.motion import NumpyMotionGenerator
-from talkingeyes.animation.model_file import FACE_MODEL_FOLDER, face_source, open_model
+from talkingeyes.animation.model_file import open_with_face
 from talkingeyes.animation.pipeline import animate_sample
 from talkingeyes.audio.annotation import Span
 from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
@@ -69,11 +68,7 @@ class Animator:
 
         Raises InputError if it is missing or damaged.
         """
-        with ExitStack() as stack:
-            folder = stack.enter_context(open_model(model))
-            source = face_source(model)
-            opened = folder if source == model else stack.enter_context(open_model(source))
-            face = opened if source.is_dir() else opened.parent / FACE_MODEL_FOLDER
+        with open_with_face(model) as (folder, face):
             return cls._of_folders(folder, face)
 
     @classmethod

@@ -119,20 +119,32 @@ def crossfade(faces: FaceSamples, following: FaceSamples, start: int, overlap: i
 def with_face(motion: Motion, faces: FaceSamples, sample: int, style: Sequence[StyleKey]) -> Motion:
     """Add a face to a motion whose `lid` holds blinks alone: jaw, expression, and the lid opening of the emotion."""
     times_s = np.arange(len(motion)) / motion.fps
-    expression = np.clip(interpolate_pchip(faces.expression[sample], faces.fps, times_s), 0.0, 1.0)
-    closure = np.clip(motion.lid.mean(axis=1), 0.0, 1.0)
-    for column, name in enumerate(faces.expression_names):
-        if name.startswith(AROUND_EYES):
-            expression[:, column] *= 1.0 - closure
-    raised = emotion_lid_closure(style, times_s)[:, None]
+    expression = interpolate_pchip(faces.expression[sample], faces.fps, times_s)
     return replace(
         motion,
         jaw=interpolate_pchip(faces.jaw[sample], faces.fps, times_s),
-        expression=expression,
+        expression=fade_around_eyes(expression, faces.expression_names, motion.lid),
         expression_names=faces.expression_names,
         head_model=faces.head_model,
-        lid=motion.lid + (1.0 - np.clip(motion.lid, 0.0, 1.0)) * raised,
+        lid=with_emotion(motion.lid, emotion_lid_closure(style, times_s)),
     )
+
+
+def fade_around_eyes(
+    expression: Float[ndarray, "T C"], names: Sequence[str], lid: Float[ndarray, "T 2"]
+) -> Float[ndarray, "T C"]:
+    """An expression within 0 to 1, whose shapes around the eyes fade as blinks close the lids."""
+    shown = np.clip(expression, 0.0, 1.0)
+    closure = np.clip(lid.mean(axis=1), 0.0, 1.0)
+    for column, name in enumerate(names):
+        if name.startswith(AROUND_EYES):
+            shown[:, column] *= 1.0 - closure
+    return np.asarray(shown)
+
+
+def with_emotion(lid: Float[ndarray, "T 2"], raised: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
+    """Lids of blinks with the closure by an emotion, of which a blink closes what it leaves open."""
+    return np.asarray(lid + (1.0 - np.clip(lid, 0.0, 1.0)) * raised[:, None])
 
 
 def emotion_lid_closure(style: Sequence[StyleKey], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:

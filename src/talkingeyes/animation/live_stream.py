@@ -1,8 +1,8 @@
 """The state of a live stream, and the step that takes the sound of many streams of a model at once.
 
-A step is a chain of stages: sound, prosody, network, controls, lids. Stages that cost more in calls than in arithmetic
-treat all streams together: the analysis of sound, the network, rotations. Those change nothing before they succeed, so
-if one fails, it is tried for each stream alone, and only the stream that fails ends.
+A step is a chain of stages: sound, speech features, networks, controls, lids and face. Stages that cost more in calls
+than in arithmetic treat all streams together: the analysis of sound, the networks, rotations. Those change nothing
+before they succeed, so if one fails, it is tried for each stream alone, and only the stream that fails ends.
 """
 
 from __future__ import annotations
@@ -10,17 +10,19 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import accumulate, islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
+from torch import Tensor
 
 from talkingeyes.animation.blink_sampling import SHUT_CLOSURE
 from talkingeyes.animation.context import sample_seeds
 from talkingeyes.animation.controls import Liveliness
+from talkingeyes.animation.face import emotion_lid_closure, fade_around_eyes, with_emotion
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory, hold_frames
 from talkingeyes.animation.live_gaze import GazeDirection, listener_offsets
 from talkingeyes.animation.live_nods import LiveNods
@@ -28,6 +30,8 @@ from talkingeyes.audio.streaming_prosody import StreamingProsody
 from talkingeyes.audio.waveform import LONGEST_S, SAMPLE_RATE
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
+from talkingeyes.models.face.basis import JAW_DIM
+from talkingeyes.models.face.style import STYLE_FADE_S, FaceStyle, StyleKey, blend_over_time
 from talkingeyes.models.motion_stream import concat_motions
 from talkingeyes.models.speech_to_motion import GeneratedMotion
 from talkingeyes.physiology import blinks, eye_head
@@ -40,15 +44,23 @@ RAMP_S = 0.2  # in which a changed liveliness takes effect
 
 @dataclass(frozen=True)
 class StreamFrames:
-    """Consecutive frames of a stream from frame number `first` on: head, eye-in-head and lids as in Motion."""
+    """Consecutive frames of a stream from frame number `first` on, as in Motion: head, eye-in-head, lids, face."""
 
     first: int
     head: Float[ndarray, "T 3"]
     gaze: Float[ndarray, "T 2 3"]
     lid: Float[ndarray, "T 2"]
+    jaw: Float[ndarray, "T 3"]
+    expression: Float[ndarray, "T C"]
 
     def __len__(self) -> int:
         return len(self.head)
+
+    @classmethod
+    def concat(cls, parts: Sequence[StreamFrames]) -> StreamFrames:
+        """The frames of one part or more as one, from the first number of the first part on."""
+        names = [each.name for each in fields(cls)[1:]]
+        return cls(parts[0].first, *(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 @dataclass(frozen=True)
@@ -61,13 +73,32 @@ class StreamSound:
 
 
 @dataclass(frozen=True)
+class GeneratedFrames:
+    """What the networks generate: motion of one stream, and faces (expression, then jaw) of the same frames."""
+
+    motion: GeneratedMotion
+    face: Float[ndarray, "T F"]
+
+    def __len__(self) -> int:
+        return len(self.face)
+
+    @classmethod
+    def concat(cls, parts: Sequence[GeneratedFrames], face_dim: int) -> GeneratedFrames:
+        """Parts as one, perhaps none."""
+        face = np.concatenate([np.zeros((0, face_dim), np.float32), *(each.face for each in parts)])
+        return cls(concat_motions([each.motion for each in parts]), face)
+
+
+@dataclass(frozen=True)
 class DirectedFrames:
-    """Frames from number `first` on: head, directions of both optical axes in space, and lid closure by blinks."""
+    """Frames from number `first` on: head, directions of both optical axes in space, and lid closure by blinks and by
+    the emotion."""
 
     first: int
     head: Float[ndarray, "T 3"]
     gaze_in_space_rad: Float[ndarray, "T 2 2"]
     closure: Float[ndarray, " T"]
+    emotion_closure: Float[ndarray, " T"]
 
 
 class LiveStream:
@@ -81,7 +112,10 @@ class LiveStream:
         self._later_blinks = model.hour_of_blinks(seed, controls)
         self._blinks = deque([*islice(self._later_blinks, 1)])  # up to the first that has not begun
         self.motion = model.motion_streams.begin(sample_seeds(seed, 1)[0])
-        self.prosody = StreamingProsody(model.embedding, model.fps, block_frames=model.step_frames)
+        self.face = model.face.streams.begin()
+        self.generated = 0  # frames
+        self._styles = [StyleKey(0.0, controls.face)]  # those that still count
+        self.prosody = StreamingProsody(model.face.embedding, model.fps, block_frames=model.step_frames)
         self._nods: LiveNods | None = None  # with a partner
         self._listening = model.live_listening(seed, controls)
         self._samples, self._frames = 0, 0
@@ -99,25 +133,46 @@ class LiveStream:
             raise found
         return found
 
-    def change(self, liveliness: Liveliness | None = None, gaze: GazeDirection | None = None) -> int:
+    def change(
+        self, liveliness: Liveliness | None = None, gaze: GazeDirection | None = None, face: FaceStyle | None = None
+    ) -> int:
         """Change controls for the frames that have not been given yet; returns the number of the first of them.
 
-        The liveliness of head and gaze takes effect over 0.2 s. Blinks stay as they were sampled.
+        The liveliness of head and gaze takes effect over 0.2 s, the style of the face over 0.5 s. Blinks stay as they
+        were sampled. Raises InputError for a speaker whom the face model does not know.
         """
+        if face not in (None, self._styles[-1].style):
+            self._change_style(face)
         before, old = self._liveliness(self._frames - 1), self._controls
         self._controls = replace(old, liveliness=liveliness or old.liveliness, gaze=gaze or old.gaze)
         if self._controls.state_liveliness != old.state_liveliness:
             self._before, self._changed_frame = before, self._frames
         return self._frames
 
+    def _change_style(self, face: FaceStyle) -> None:
+        """Begin a style with the next frame; styles that are faded out are dropped."""
+        self.model.face.generator.vocabulary.style_vector(face)
+        now_s = self._frames / self.model.fps
+        first = max(row for row, key in enumerate(self._styles) if not row or key.onset_s + STYLE_FADE_S <= now_s)
+        kept = [key for key in self._styles[first:] if key.onset_s < now_s]
+        self._styles = [*kept, StyleKey(now_s, face)]
+
+    def style_vectors(self, first: int, frames: int) -> Float[ndarray, "T D"]:
+        """Style vectors of frames from number `first` on."""
+        vector = self.model.face.generator.vocabulary.style_vector
+        return blend_over_time(self._styles, np.arange(first, first + frames) / self.model.fps, vector)
+
     def finish(self) -> StreamFrames:
         """End the stream and return its remaining frames."""
         self._ended = True
-        streams, features = self.model.motion_streams, self.model.embed(self.prosody.finish()[None])
-        (rest,) = streams.step([self.motion], features)
-        last = streams.finish(rest.state)
+        streams, faces = self.model.motion_streams, self.model.face.streams
+        embeddings = _embeddings(self.model, self.prosody.finish()[None])
+        (rest,) = streams.step([self.motion], embeddings[0])
+        motion = concat_motions([rest.motion, streams.finish(rest.state).motion])
+        (heard,) = faces.listen([self.face], embeddings[1])
+        (step,) = faces.step([faces.finish(heard)], [self.style_vectors(self.generated, motion.head.shape[1])])
         failed: dict[int, Exception] = {}
-        found = _complete({0: (self, concat_motions([rest.motion, last.motion]))}, failed)
+        found = _complete({0: (self, GeneratedFrames(motion, step.face))}, failed)
         for error in failed.values():
             raise error
         return found.get(0, self.no_frames())
@@ -180,10 +235,11 @@ class LiveStream:
         trajectory = self._gaze.direct(trajectory, self._controls.gaze, gain, contact, offsets_rad)
         first = self._frames
         self._frames += len(trajectory.head)
-        closure = self._closure(np.arange(first, self._frames) / self.model.fps)
+        times_s = np.arange(first, self._frames) / self.model.fps
+        closure = self._closure(times_s)
         space = hold_frames(trajectory.gaze_in_space_rad, closure >= SHUT_CLOSURE, self._held_gaze)
         self._held_gaze = space[-1].copy()
-        return DirectedFrames(first, trajectory.head, space, closure)
+        return DirectedFrames(first, trajectory.head, space, closure, emotion_lid_closure(self._styles, times_s))
 
     def _liveliness(self, frame: int) -> Liveliness:
         """Liveliness at a frame: the last change takes effect with minimum jerk."""
@@ -204,7 +260,9 @@ class LiveStream:
 
     def no_frames(self) -> StreamFrames:
         """An empty part of the stream."""
-        return StreamFrames(self._frames, np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros((0, 2)))
+        shapes = len(self.model.face.generator.basis.expression_names)
+        parts = [np.zeros((0, *shape)) for shape in ((3,), (2, 3), (2,), (3,), (shapes,))]
+        return StreamFrames(self._frames, *parts)
 
 
 def push_together(given: Sequence[StreamSound]) -> list[StreamFrames | Exception]:
@@ -214,13 +272,17 @@ def push_together(given: Sequence[StreamSound]) -> list[StreamFrames | Exception
     """
     failed: dict[int, Exception] = {}
     alone(lambda each: each.stream.receive(each.chunk, each.partner), dict(enumerate(given)), failed)
-    parts: dict[int, list[GeneratedMotion]] = {row: [] for row in range(len(given)) if row not in failed}
+    parts: dict[int, list[GeneratedFrames]] = {row: [] for row in range(len(given)) if row not in failed}
     while due := {row: given[row].stream for row in parts if row not in failed and given[row].stream.prosody.has_block}:
         features = together(lambda each: StreamingProsody.next_blocks([one.prosody for one in each]), due, failed)
         moved = together(_move, {row: (due[row], found) for row, found in features.items()}, failed)
         for row, found in moved.items():
             parts[row].append(found)
-    generated = {row: (given[row].stream, concat_motions(found)) for row, found in parts.items() if row not in failed}
+    generated = {
+        row: (given[row].stream, GeneratedFrames.concat(found, given[row].stream.model.face.generator.basis.numbers))
+        for row, found in parts.items()
+        if row not in failed
+    }
     frames = _complete(generated, failed)
     nothing = {row: each.stream.no_frames() for row, each in enumerate(given)}
     return [*(nothing | frames | failed).values()]
@@ -247,28 +309,43 @@ def together(
         return alone(lambda value: stage([value])[0], values, failed)
 
 
-def _move(given: list[tuple[LiveStream, Float[ndarray, "T 3"]]]) -> list[GeneratedMotion]:
-    """Head and gaze for the next features of each stream."""
+def _move(given: list[tuple[LiveStream, Float[ndarray, "T C"]]]) -> list[GeneratedFrames]:
+    """Head, gaze and face for the next features of each stream."""
     streams, features = zip(*given, strict=True)
     model = streams[0].model
-    steps = model.motion_streams.step([each.motion for each in streams], model.embed(np.stack(features)))
-    for stream, step in zip(streams, steps, strict=True):
-        stream.motion = step.state
-    return [step.motion for step in steps]
+    embedding, face_embedding = _embeddings(model, np.stack(features))
+    steps = model.motion_streams.step([each.motion for each in streams], embedding)
+    heard = model.face.streams.listen([each.face for each in streams], face_embedding)
+    styles = [
+        stream.style_vectors(stream.generated, step.motion.head.shape[1])
+        for stream, step in zip(streams, steps, strict=True)
+    ]
+    faces = model.face.streams.step(heard, styles)
+    for stream, step, face in zip(streams, steps, faces, strict=True):
+        stream.motion, stream.face = step.state, face.state
+        stream.generated += len(face.face)
+    return [GeneratedFrames(step.motion, face.face) for step, face in zip(steps, faces, strict=True)]
+
+
+def _embeddings(model: LiveModel, features: Float[ndarray, "B T D"]) -> list[Float[Tensor, "B T _C"]]:
+    """What the networks of motion and of the face take of speech features."""
+    networks = (model.network, model.face.generator.network)
+    return [each.speech.embedding_of(features, model.features.channels) for each in networks]
 
 
 def _complete(
-    generated: Mapping[int, tuple[LiveStream, GeneratedMotion]], failed: dict[int, Exception]
+    generated: Mapping[int, tuple[LiveStream, GeneratedFrames]], failed: dict[int, Exception]
 ) -> dict[int, StreamFrames]:
-    """Frames of generated motion, if there is any, with all that follows: steps, nods, direction of gaze, blinks."""
-    streams = {row: stream for row, (stream, motion) in generated.items() if motion.head.shape[1]}
-    plain = together(_trajectories, {row: generated[row] for row in streams}, failed)
+    """Frames of what was generated, if anything, with all that follows: steps, nods, direction of gaze, lids."""
+    streams = {row: stream for row, (stream, found) in generated.items() if len(found)}
+    moved = {row: (streams[row], generated[row][1].motion) for row in streams}
+    plain = together(_trajectories, moved, failed)
     pairs = {row: (streams[row], each) for row, each in plain.items()}
     made = alone(lambda pair: pair[0].add_steps(pair[1]), pairs, failed)
     offsets = together(_offsets, made, failed)
     aimed = {row: (streams[row], made[row], offset) for row, offset in offsets.items()}
     directed = alone(lambda each: each[0].direct(*each[1:]), aimed, failed)
-    return together(_frames, directed, failed)
+    return together(_frames, {row: (*generated[row], each) for row, each in directed.items()}, failed)
 
 
 def _trajectories(generated: list[tuple[LiveStream, GeneratedMotion]]) -> list[GazeTrajectory]:
@@ -288,15 +365,22 @@ def _offsets(trajectories: list[GazeTrajectory]) -> list[Float[ndarray, "T 2"]]:
     return np.split(listener_offsets(head, space), _starts([len(each.head) for each in trajectories]))
 
 
-def _frames(directed: list[DirectedFrames]) -> list[StreamFrames]:
-    """Frames with eye-in-head, within the range of the eyes."""
+def _frames(shown: list[tuple[LiveStream, GeneratedFrames, DirectedFrames]]) -> list[StreamFrames]:
+    """Frames with eye-in-head, within the range of the eyes, and with lids and face."""
+    directed = [each for _, _, each in shown]
     head, space = (np.concatenate([getattr(each, name) for each in directed]) for name in ("head", "gaze_in_space_rad"))
     eye = eye_head.clamp_to_eye_range(rotation.eye_in_head(head, space))
-    eyes = np.split(eye, _starts([len(each.head) for each in directed]))
-    return [
-        StreamFrames(each.first, each.head, own, np.repeat(each.closure[:, None], 2, axis=1))
-        for each, own in zip(directed, eyes, strict=True)
-    ]
+    closure, raised = (
+        np.concatenate([getattr(each, name) for each in directed]) for name in ("closure", "emotion_closure")
+    )
+    blinks_alone = np.repeat(closure[:, None], 2, axis=1)
+    face = np.concatenate([each.face for _, each, _ in shown]).astype(np.float64)
+    names = shown[0][0].model.face.generator.basis.expression_names
+    expression = fade_around_eyes(face[:, :-JAW_DIM], names, blinks_alone)
+    columns = (head, eye, with_emotion(blinks_alone, raised), face[:, -JAW_DIM:], expression)
+    starts = _starts([len(each.head) for each in directed])
+    parts = zip(*(np.split(each, starts) for each in columns), strict=True)
+    return [StreamFrames(each.first, *part) for each, part in zip(directed, parts, strict=True)]
 
 
 def _starts(lengths: Sequence[int]) -> list[int]:

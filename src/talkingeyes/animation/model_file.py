@@ -35,12 +35,14 @@ PACKED = "folder of the train stage or file of `talkingeyes pack`"
 METADATA_KEY = "talkingeyes"
 ALLOW_PLUGINS = "TALKINGEYES_ALLOW_PLUGINS"
 FACE_MODEL_FOLDER = "probtalk3d"
+LIVE_FACE_FOLDER = "face_live"  # the face of streams
 TRAINED_MODELS = Path("data", "train")
 WORKSPACE_MODEL = TRAINED_MODELS / "talkingeyes_events"
 ASSETS = Path(__file__).parent / "assets"
 SUFFIX = ".safetensors"
 PACKAGED_MODEL = ASSETS / f"talkingeyes_events{SUFFIX}"
 PACKAGED_LIVE_MODEL = ASSETS / f"talkingeyes_live{SUFFIX}"
+PACKAGED_LIVE_FACE = ASSETS / f"talkingeyes_live_face{SUFFIX}"
 # Trained on gaze of people in remote calls.
 PACKAGED_REMOTE_CALL_MODEL = ASSETS / f"talkingeyes_remote_call{SUFFIX}"
 PACKAGED_MODELS = {each.stem: each for each in (PACKAGED_MODEL, PACKAGED_LIVE_MODEL, PACKAGED_REMOTE_CALL_MODEL)}
@@ -79,18 +81,18 @@ def model_title(model: Path) -> str:
     return f"the packaged {model.stem}" if is_packaged(model) else str(model)
 
 
-def find_face_model(model: Path) -> Path | None:
-    """The folder of the face model beside the folder of a model of head and gaze, if there is one."""
+def find_face_model(model: Path, name: str = FACE_MODEL_FOLDER) -> Path | None:
+    """The folder `name` of the face model beside the folder of a model of head and gaze, if there is one."""
     # Not resolved: runs of experiments show results of a store as links.
-    folder = (model if model.name not in ("", "..") else model.absolute()).parent / FACE_MODEL_FOLDER
+    folder = (model if model.name not in ("", "..") else model.absolute()).parent / name
     return folder if folder.is_dir() and folder.absolute() != model.absolute() else None
 
 
-def face_source(model: Path) -> Path:
-    """Where the face of a model comes from: the folder beside it, its own packed file, else the packaged default."""
+def face_source(model: Path, name: str = FACE_MODEL_FOLDER, packaged: Path = PACKAGED_MODEL) -> Path:
+    """Where the face `name` of a model comes from: the folder beside it, its own packed file, else the packaged one."""
     if model.is_dir():
-        return find_face_model(model) or PACKAGED_MODEL
-    return model if FACE_MODEL_FOLDER in read_packed_metadata(model).models[1:] else PACKAGED_MODEL
+        return find_face_model(model, name) or packaged
+    return model if name in read_packed_metadata(model).models[1:] else packaged
 
 
 def parts_title(model: Path) -> str:
@@ -99,6 +101,18 @@ def parts_title(model: Path) -> str:
     if face == model:
         return f"head, gaze and face: {model_title(model)}"
     return f"head and gaze: {model_title(model)}, face: {'packaged' if face == PACKAGED_MODEL else face}"
+
+
+@contextlib.contextmanager
+def open_with_face(
+    model: Path, name: str = FACE_MODEL_FOLDER, packaged: Path = PACKAGED_MODEL
+) -> Iterator[tuple[Path, Path]]:
+    """The folders of a model and of its face (`face_source`), as `open_model` opens them."""
+    with contextlib.ExitStack() as stack:
+        folder = stack.enter_context(open_model(model))
+        source = face_source(model, name, packaged)
+        opened = folder if source == model else stack.enter_context(open_model(source))
+        yield folder, opened if source.is_dir() else opened.parent / name
 
 
 @contextlib.contextmanager

@@ -41,14 +41,27 @@ class LogmelEncoder:
 
     def __call__(self, sound: Float[ndarray, " N"], fps: float) -> Float[ndarray, "T C"]:
         """Natural logarithm of mel energies around the times t / fps, window by window."""
+        return log_energies(self.energies(sound, fps))
+
+    def lookahead_samples(self, fps: float) -> int:
+        """Samples after (and before) the time of a frame that affect its energies."""
+        offset_s = (self._windows - 1) / 2 / (fps * self._windows)
+        return int(np.ceil(offset_s * SAMPLE_RATE)) + (len(self._window) + 1) // 2
+
+    def energies(self, sound: Float[ndarray, " N"], fps: float) -> Float[ndarray, "T C"]:
+        """Mel energies around the times t / fps, window by window."""
         count = frame_count(len(sound), fps)
         times_s = (np.arange(count * self._windows) - (self._windows - 1) / 2) / (fps * self._windows)
         energies = [np.zeros((0, self._filters.shape[0]), np.float32)]
         for frames in frame_signal(sound, times_s, len(self._window)):
             spectrum = scipy.fft.rfft(frames * self._window, self._fft_size)
             energies.append((np.square(np.abs(spectrum)) @ self._filters.T).astype(np.float32))
-        log_energies = np.log(np.concatenate(energies) + np.float32(FLOOR))
-        return np.asarray(log_energies.reshape(count, len(self.channels)))
+        return np.concatenate(energies).reshape(count, len(self.channels))
+
+
+def log_energies(energies: Float[ndarray, "T C"]) -> Float[ndarray, "T C"]:
+    """Natural logarithm of mel energies, with a floor."""
+    return np.asarray(np.log(energies + np.float32(FLOOR)))
 
 
 def mel_filters(bands: int, fft_size: int) -> Float[ndarray, "M F"]:

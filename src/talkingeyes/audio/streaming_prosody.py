@@ -1,8 +1,9 @@
-"""Streaming prosody: chunks of sound to log-energy, F0 and voicing of motion frames.
+"""Streaming prosody: chunks of sound to log-energy, F0 and voicing of motion frames, and to log-mel energies.
 
-These are the three last channels of every embedding, available for a frame 37 ms after its time. An embedding
-normalises the level of a sound by all of its loud syllables. Here the level is estimated from the sound so far (the
-last 30 s), combined with a default level at the start. `process_offline` does the same for a complete sound.
+These are channels of an embedding, available for a frame 37 ms after its time: the prosody of every one, preceded by
+the log-mel energies of one whose encoder they are. An embedding normalises the level of a sound by all of its loud
+syllables. Here the level is estimated from the sound so far (the last 30 s), combined with a default level at the
+start. `process_offline` does the same for a complete sound.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.encoder import F0_REFERENCE_HZ, LOUD_PERCENTILE, PROSODY_CHANNELS, EmbedSettings
+from talkingeyes.audio.encoder_logmel import LogmelEncoder, LogmelSettings, log_energies
 from talkingeyes.audio.prosody import MEDIAN_STEPS, STEP_S, prosody
 from talkingeyes.audio.waveform import BLOCK_S, SAMPLE_RATE, SILENT_DBFS, block_levels_dbfs, frame_count
 from talkingeyes.core.errors import InputError
@@ -67,8 +69,6 @@ class RunningLevel:
 class StreamingProsody:
     """The state of one stream."""
 
-    channels = PROSODY_CHANNELS
-
     def __init__(self, settings: EmbedSettings, fps: float, block_frames: int = 1) -> None:
         """Emit `block_frames` frames at a time: larger blocks cost less, and results do not depend on chunk sizes.
 
@@ -78,16 +78,19 @@ class StreamingProsody:
         self._size = round(SAMPLE_RATE / fps)
         if self._size * fps != SAMPLE_RATE or self._size % STEP_SAMPLES:
             raise InputError(f"fps: should be 20, 25, 50 or 100 for live speech, got {fps:g}")
+        self._logmel = LogmelEncoder(settings.encoder) if isinstance(settings.encoder, LogmelSettings) else None
+        self.channels = (*(self._logmel.channels if self._logmel else ()), *PROSODY_CHANNELS)
         max_lag = int(SAMPLE_RATE / settings.prosody.f0_min_hz) + 2
         energy = round(settings.prosody.energy_window_s * SAMPLE_RATE / 2)
+        mel = self._logmel.lookahead_samples(fps) if self._logmel else 0
         # Samples after (and before) the time of a frame that affect its features, and the same in frames.
-        self.lookahead_samples = max(max_lag + MEDIAN_STEPS // 2 * STEP_SAMPLES, energy)
+        self.lookahead_samples = max(max_lag + MEDIAN_STEPS // 2 * STEP_SAMPLES, energy, mel)
         self._lookahead_frames = -(-self.lookahead_samples // self._size)
         self._sound, self._first = np.zeros(0, np.float32), 0  # the buffered sound, and its first frame
         self._frame = 0
         self._level = RunningLevel()
 
-    def push(self, chunk: Float[ndarray, " N"]) -> Float[ndarray, "T 3"]:
+    def push(self, chunk: Float[ndarray, " N"]) -> Float[ndarray, "T C"]:
         """Features of the frames that are complete with this chunk."""
         self.receive(chunk)
         parts = [np.zeros((0, len(self.channels)), np.float32)]
@@ -111,7 +114,7 @@ class StreamingProsody:
         return self._frame + self.block_frames
 
     @staticmethod
-    def next_blocks(streams: Sequence[StreamingProsody]) -> list[Float[ndarray, "T 3"]]:
+    def next_blocks(streams: Sequence[StreamingProsody]) -> list[Float[ndarray, "T C"]]:
         """Features of the next block of each stream, all with the same settings and a block that `has_block`.
 
         Windows are analysed as one long sound, for features of a frame need nothing beyond its window; but for those at
@@ -122,17 +125,17 @@ class StreamingProsody:
         analysed = {row: each._analyse(windows[row]) for row, each in enumerate(streams) if not each._first}
         if inner:
             together = streams[inner[0]]._analyse(np.concatenate([windows[row] for row in inner]))
-            analysed |= dict(zip(inner, together.reshape(len(inner), -1, 3), strict=True))
+            analysed |= dict(zip(inner, np.split(together, len(inner)), strict=True))
         found = [each._features(each._next_stop, analysed[row]) for row, each in enumerate(streams)]
         for each in streams:  # only now, so that a step that fails can be taken again
             each._drop_before(each._next_stop)
         return found
 
-    def finish(self) -> Float[ndarray, "T 3"]:
+    def finish(self) -> Float[ndarray, "T C"]:
         """Features of the remaining frames; ends the stream."""
         return self._features(frame_count(self._samples_received(), self._fps), self._analyse(self._sound))
 
-    def process_offline(self, sound: Float[ndarray, " N"]) -> Float[ndarray, "T 3"]:
+    def process_offline(self, sound: Float[ndarray, " N"]) -> Float[ndarray, "T C"]:
         """Features of a complete sound, equal to those of a stream."""
         level = RunningLevel()
         level.push(sound)
@@ -147,7 +150,7 @@ class StreamingProsody:
         known = self._sound[:span]
         return np.pad(known, (0, span - len(known)))
 
-    def _features(self, stop: int, analysed: Float[ndarray, "F 3"]) -> Float[ndarray, "T 3"]:
+    def _features(self, stop: int, analysed: Float[ndarray, "F C"]) -> Float[ndarray, "T C"]:
         """Features of the frames up to `stop` from the analysis of the buffer."""
         wanted = analysed[self._frame - self._first : stop - self._first]
         return self._normalise(wanted, self._frame, self._level)
@@ -158,17 +161,20 @@ class StreamingProsody:
         self._sound = self._sound[(kept - self._first) * self._size :]
         self._first, self._frame = kept, stop
 
-    def _analyse(self, sound: Float[ndarray, " N"]) -> Float[ndarray, "T 3"]:
-        """Energy (dBFS), F0 (Hz) and voicing of each frame."""
+    def _analyse(self, sound: Float[ndarray, " N"]) -> Float[ndarray, "T C"]:
+        """Mel energies, if any, energy (dBFS), F0 (Hz) and voicing of each frame."""
         spoken = prosody(sound, self._fps, self._settings.prosody)
-        return np.stack([spoken.energy_dbfs, spoken.f0_hz, spoken.voicing], axis=1)
+        mel = [self._logmel.energies(sound, self._fps)] if self._logmel else []
+        return np.column_stack([*mel, spoken.energy_dbfs, spoken.f0_hz, spoken.voicing])
 
-    def _normalise(self, analysed: Float[ndarray, "T 3"], first: int, level: RunningLevel) -> Float[ndarray, "T 3"]:
+    def _normalise(self, analysed: Float[ndarray, "T C"], first: int, level: RunningLevel) -> Float[ndarray, "T C"]:
         """Features of frames from `first` on, each normalised by the level known at its time."""
         blocks = (first + np.arange(len(analysed))) * self._size // BLOCK_SAMPLES
         last = len(level.levels_dbfs) - 1
         known = [level.levels_dbfs[block] for block in np.minimum(blocks, last).tolist()]  # not all of an hour's levels
-        energy = analysed[:, 0] + (self._settings.level_dbfs - np.array(known))
-        octaves = np.nan_to_num(np.log2(analysed[:, 1] / F0_REFERENCE_HZ))
-        floor = self._settings.prosody.energy_floor_dbfs
-        return np.stack([np.maximum(energy, floor), octaves, analysed[:, 2]], axis=1).astype(np.float32)
+        gain_db = self._settings.level_dbfs - np.array(known)
+        mel, (energy, f0_hz, voicing) = analysed[:, : -len(PROSODY_CHANNELS)], analysed[:, -len(PROSODY_CHANNELS) :].T
+        mel = log_energies(mel * 10 ** (gain_db[:, None] / 10))
+        energy = np.maximum(energy + gain_db, self._settings.prosody.energy_floor_dbfs)
+        octaves = np.nan_to_num(np.log2(f0_hz / F0_REFERENCE_HZ))
+        return np.column_stack([mel, energy, octaves, voicing]).astype(np.float32)

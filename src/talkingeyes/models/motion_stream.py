@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Float
-from numpy import ndarray
 from torch import Tensor
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.models.gaze.generator import GazeCondition, StreamableGazeGenerator
 from talkingeyes.models.head.causal_vae import CausalVAEHead, HeadState
 from talkingeyes.models.layers.convolution import ConvolutionStack
+from talkingeyes.models.speech_stream import SpeechState, SpeechStreams
 from talkingeyes.models.speech_to_motion import GeneratedMotion, SpeechToMotion
 
 
@@ -64,9 +64,7 @@ class StreamingModules:
 class MotionState:
     """A stream between two parts of its embedding. States are never changed: a step that fails can be taken again."""
 
-    speech: Float[ndarray, "V P W"]  # what the speech layers keep; with guidance, a second row of mean speech
-    frames_to_skip: int  # outputs before the first frame
-    pending: Float[ndarray, "V F S"]  # speech features of less than a step
+    speech: SpeechState
     head: HeadState
     gaze: Any
 
@@ -84,67 +82,50 @@ class MotionStreams:
 
     def __init__(self, network: SpeechToMotion, temperature: float | None = None) -> None:
         self._network, parts = network, StreamingModules.of(network)
-        self._step_frames, self._lookahead = parts.gaze.step_frames, parts.speech_lookahead
-        self._variants = 1 + network.is_guided
-        self._speech, self._head = parts.speech.streaming(), parts.head.streaming()
+        self._step_frames = parts.gaze.step_frames
+        self._speech, self._head = SpeechStreams(parts.speech, 1 + network.is_guided), parts.head.streaming()
         self._gaze = parts.gaze.streaming(float(network.temperature) if temperature is None else temperature)
 
     def begin(self, seed: int) -> MotionState:
         """A stream before its first frame."""
-        past = np.stack([self._speech.begin()] * self._variants)
-        pending = np.zeros((self._variants, 0, past.shape[2]), np.float32)
-        return MotionState(past, self._lookahead, pending, self._head.begin(seed), self._gaze.begin(seed))
+        return MotionState(self._speech.begin(), self._head.begin(seed), self._gaze.begin(seed))
 
     @torch.inference_mode()
     def step(self, states: Sequence[MotionState], embedding: Float[Tensor, "B T C"]) -> list[MotionStep]:
         """Motion that can be generated now: whole steps, perhaps none. Parts of equal length give the same result to
         the bit for a stream alone, and to rounding among others."""
-        return self._step(states, self._network.speech.standardise(embedding))
+        standardised = self._network.speech.standardise(embedding).numpy()
+        speech = self._speech.step([each.speech for each in states], standardised)
+        return self._steps([replace(each, speech=own) for each, own in zip(states, speech, strict=True)])
 
     @torch.inference_mode()
     def finish(self, state: MotionState) -> MotionStep:
         """The rest of the motion; the last step may be incomplete."""
-        channels = self._network.speech.stack.input_projection.in_features
-        (found,) = self._step([state], torch.zeros(1, self._lookahead, channels))
-        if not (rest := found.state.pending.shape[1]):
+        (found,) = self._steps([replace(state, speech=self._speech.finish(state.speech))])
+        if not (rest := found.state.speech.frames):
             return found
         (last,) = self._generate([found.state], rest)
         return MotionStep(last.state, concat_motions([found.motion, last.motion]))
 
-    def _step(self, states: Sequence[MotionState], standardised: Float[Tensor, "B T H"]) -> list[MotionStep]:
-        now = self._add_features(states, standardised.numpy()) if standardised.shape[1] else list(states)
+    def _steps(self, states: Sequence[MotionState]) -> list[MotionStep]:
+        now = list(states)
         parts: list[list[GeneratedMotion]] = [[] for _ in states]
-        while ready := [row for row, each in enumerate(now) if each.pending.shape[1] >= self._step_frames]:
+        while ready := [row for row, each in enumerate(now) if each.speech.frames >= self._step_frames]:
             for row, found in zip(ready, self._generate([now[row] for row in ready], self._step_frames), strict=True):
                 now[row] = found.state
                 parts[row].append(found.motion)
         return [MotionStep(state, concat_motions(found)) for state, found in zip(now, parts, strict=True)]
 
-    def _add_features(self, states: Sequence[MotionState], standardised: Float[ndarray, "B T H"]) -> list[MotionState]:
-        """The streams with the speech features of a part of the embedding."""
-        past = np.stack([each.speech for each in states])
-        given = np.stack([standardised, np.zeros_like(standardised)][: self._variants], axis=1)  # mean speech is zero
-        features, kept = self._speech.step(past.reshape(-1, *past.shape[2:]), given.reshape(-1, *given.shape[2:]))
-        features = features.reshape(*past.shape[:2], *features.shape[1:])
-        after = []
-        for state, new, own in zip(states, features, kept.reshape(past.shape), strict=True):
-            early = min(state.frames_to_skip, new.shape[1])
-            pending = np.concatenate([state.pending, new[:, early:]], axis=1)
-            after.append(
-                replace(state, speech=own.copy(), frames_to_skip=state.frames_to_skip - early, pending=pending)
-            )
-        return after
-
     def _generate(self, states: Sequence[MotionState], frames: int) -> list[MotionStep]:
         """Motion of one step, or of its beginning at the end of a stream."""
-        speech = torch.from_numpy(np.stack([each.pending[:, :frames] for each in states], axis=1))
+        speech = torch.from_numpy(np.stack([each.speech.pending[:, :frames] for each in states], axis=1))
         head, heads = self._head.step([each.head for each in states], speech[0])
         mean = speech[1] if self._network.is_guided else None
         condition = GazeCondition(speech[0], head, self._network.head.normal(head), mean)
         gaze, gazes = self._gaze.step([each.gaze for each in states], condition)
         return [
             MotionStep(
-                replace(each, pending=each.pending[:, frames:], head=own_head, gaze=own_gaze),
+                MotionState(each.speech.without(frames), own_head, own_gaze),
                 GeneratedMotion(head[row : row + 1], gaze[row : row + 1]),
             )
             for row, (each, own_head, own_gaze) in enumerate(zip(states, heads, gazes, strict=True))

@@ -11,6 +11,7 @@ from typing import Annotated
 
 import torch
 from jaxtyping import Float
+from numpy import ndarray
 from pydantic import Field
 from torch import Tensor, nn
 
@@ -49,15 +50,17 @@ class SpeechProjection(nn.Module):
     def __init__(self, settings: SpeechProjectionSettings, names: Sequence[str]) -> None:
         """Raises InputError if a channel of the settings is not among the names."""
         super().__init__()
-        chosen = tuple(names) if settings.channels is None else _channels(settings.channels, names)
+        self.channels = tuple(names) if settings.channels is None else _channels(settings.channels, names)
         self.register_buffer(
-            "channel_indices", torch.tensor([list(names).index(name) for name in chosen], dtype=torch.long)
+            "channel_indices", torch.tensor([list(names).index(name) for name in self.channels], dtype=torch.long)
         )
         self.register_buffer("mean", torch.zeros(len(names)))
         self.register_buffer("std", torch.ones(len(names)))
         self.drop = nn.Dropout1d(settings.channel_dropout)
         lookahead = settings.lookahead if isinstance(settings, CausalSpeechProjectionSettings) else None
-        self.stack = ConvolutionStack(max(len(chosen), 1), settings.width, settings.layers, settings.dropout, lookahead)
+        self.stack = ConvolutionStack(
+            max(len(self.channels), 1), settings.width, settings.layers, settings.dropout, lookahead
+        )
 
     def standardise_by(self, mean: Float[Tensor, " C"], std: Float[Tensor, " C"]) -> None:
         """Set the statistics of the train split; constant channels become zero."""
@@ -68,6 +71,13 @@ class SpeechProjection(nn.Module):
         """Projected features."""
         features: Tensor = self.stack(self.drop(self.standardise(embedding).transpose(1, 2)).transpose(1, 2))
         return features
+
+    def embedding_of(self, features: Float[ndarray, "*B T D"], names: Sequence[str]) -> Float[Tensor, "*B T C"]:
+        """An embedding with these named features; channels that the network does not use are zero."""
+        embedding = torch.zeros(*features.shape[:-1], len(self.mean))
+        places = [names.index(name) for name in self.channels]
+        embedding[..., self.channel_indices] = torch.from_numpy(features[..., places])
+        return embedding
 
     def mean_features(self, frames: int) -> Float[Tensor, "1 T S"]:
         """Features of mean speech: all standardised channels are zero."""

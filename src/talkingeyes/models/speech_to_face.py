@@ -118,12 +118,19 @@ class SpeechToFace(nn.Module):
         device = self.min_face.device
         fused = self._stylised_speech(embedding[None].to(device), style[None].to(device))
         faces = self.face.sample(fused, seeds, self.settings.temperature if temperature is None else temperature)
+        return self.limit(faces)
+
+    def limit(self, faces: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
+        """Faces within the range of the train split."""
         return faces.clamp(self.min_face, self.max_face)
 
     def _stylised_speech(
         self, embedding: Float[Tensor, "B T C"], style: Float[Tensor, "B U D"]
     ) -> Float[Tensor, "B T S"]:
-        features: Tensor = self.speech(embedding)
+        return self.stylise(self.speech(embedding), style)
+
+    def stylise(self, features: Float[Tensor, "B T S"], style: Float[Tensor, "B U D"]) -> Float[Tensor, "B T S"]:
+        """Speech features multiplied by the style."""
         return features if self.style is None else features * self.style(style[..., self.style_columns])
 
     def _drop_speakers(self, style: Float[Tensor, "B U D"]) -> Float[Tensor, "B U D"]:

@@ -19,8 +19,12 @@ def _liveliness(what: str) -> Any:
     return Field(ge=0, le=MAX_LIVELINESS, description=f"factor on the {what}")
 
 
+Emotion = Annotated[str, Field(pattern="^[a-z]{1,20}$", description="one of service.json")]
+Intensity = Annotated[int, Field(ge=0, le=3, description="of the emotion, 1 to 3; by default 2")] | None
+
+
 class AnimationRequest(Settings):
-    """Settings of an animation. Person, frame rate, emotion and intensity apply to files, not to live streams."""
+    """Settings of an animation. Person and frame rate apply to files, not to live streams."""
 
     seed: Annotated[int, Field(ge=0, lt=2**31, description="each seed gives another sample")] = 0
     person: Annotated[str, Field(max_length=100, description="training speaker (service.json lists them)")] | None = (
@@ -34,8 +38,8 @@ class AnimationRequest(Settings):
     gaze_liveliness: Annotated[float, _liveliness("motion of the eyes")] = 1.0
     blink_liveliness: Annotated[float, _liveliness("blink rate")] = 1.0
     eye_contact: Annotated[float, Field(ge=0, le=1, description="share of time; by default the model's")] | None = None
-    emotion: Annotated[str, Field(pattern="^[a-z]{1,20}$", description="one of service.json")] = "neutral"
-    intensity: Annotated[int, Field(ge=0, le=3, description="of the emotion, 1 to 3; by default 2")] | None = None
+    emotion: Emotion = "neutral"
+    intensity: Intensity = None
 
     @property
     def liveliness(self) -> Liveliness:
@@ -45,11 +49,15 @@ class AnimationRequest(Settings):
     @property
     def controls(self) -> Controls:
         """All settings but seed and frame rate. Raises InputError for an unknown emotion or intensity."""
-        intensity = default_intensity(self.emotion, self.intensity)
-        face = (StyleKey(0.0, FaceStyle(None, self.emotion, intensity)),)
+        face = (StyleKey(0.0, self.face),)
         return Controls(
             blinks=self.blinks, person=self.person, eye_contact=self.eye_contact, liveliness=self.liveliness, face=face
         )
+
+    @property
+    def face(self) -> FaceStyle:
+        """Style of the face. Raises InputError for an unknown emotion or intensity."""
+        return FaceStyle(None, self.emotion, default_intensity(self.emotion, self.intensity))
 
 
 Target = Annotated[
@@ -105,12 +113,15 @@ class StreamChanges(Settings):
     eye_contact: Annotated[float, Field(ge=0, le=1, description="share of time; null: the model's")] | None = None
     target: Target = None
     state: StreamState = None
+    emotion: Emotion = "neutral"
+    intensity: Intensity = None
 
     _target_in_reach = field_validator("target", mode="before")(_check_target)
 
     def applied_to(self, request: StreamRequest) -> StreamRequest:
-        """The request with the keys that were given."""
-        return request.model_copy(update={name: getattr(self, name) for name in self.model_fields_set})
+        """The request with the keys that were given; another emotion has the default intensity."""
+        names = self.model_fields_set | ({"intensity"} if "emotion" in self.model_fields_set else set())
+        return request.model_copy(update={name: getattr(self, name) for name in names})
 
 
 class EyesRequest(Settings):

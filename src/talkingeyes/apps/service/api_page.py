@@ -104,7 +104,7 @@ def api_page(schema: Mapping[str, Any], address: str) -> str:
     )
     return Template(TEMPLATE.read_text()).substitute(
         operations=operations,
-        stream_request=_keys(StreamRequest, ("person", "fps", "emotion", "intensity")),
+        stream_request=_keys(StreamRequest, ("person", "fps")),
         stream_changes=_keys(StreamChanges, has_defaults=False),
         address=escape(address),
         socket=escape(address.replace("http", "ws", 1)),

@@ -84,7 +84,7 @@ class StreamWorker:
         return self._streams[key].request.format
 
     def _open(self, key: str, request: StreamRequest) -> dict[str, Any]:
-        controls = LiveControls(request.blinks, request.liveliness, request.gaze)
+        controls = LiveControls(request.blinks, request.liveliness, request.gaze, request.face)
         self._streams[key] = OpenStream(self._live.stream(request.seed, controls), request)
         live = self._live
         begun = {"fps": live.fps, "latency_s": round(live.latency_s, 4), "format": request.format}
@@ -105,14 +105,11 @@ class StreamWorker:
         """Returns the number of the first frame that is changed."""
         each = self._streams[key]
         each.request = changes.applied_to(each.request)
-        return each.stream.change(each.request.liveliness, each.request.gaze)
+        return each.stream.change(each.request.liveliness, each.request.gaze, each.request.face)
 
     def _pose_chunks(self, shown: list[tuple[str, StreamFrames]]) -> list[PoseChunk]:
         """The frames of all streams, whose rows are computed together."""
-        head, gaze, lid = (
-            np.concatenate([getattr(each, name) for _, each in shown]) for name in ("head", "gaze", "lid")
-        )
-        motion = to_forward_axes(Motion.of(self._live.fps, head, gaze, lid=lid))
+        motion = to_forward_axes(self._live.motion_of(StreamFrames.concat([each for _, each in shown])))
         rows = pose_rows(self._head, motion)
         stops = np.cumsum([len(each) for _, each in shown]).tolist()
         chunks = []

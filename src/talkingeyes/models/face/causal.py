@@ -51,4 +51,8 @@ class CausalFace(nn.Module):
 
     def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
         """The same face for all seeds."""
-        return self.normal.denormalise(self.out(self.stack(speech))).expand(len(seeds), -1, -1)
+        return self.decode(self.stack(speech)).expand(len(seeds), -1, -1)
+
+    def decode(self, hidden: Float[Tensor, "B T S"]) -> Float[Tensor, "B T F"]:
+        """Faces from the last hidden features."""
+        return self.normal.denormalise(self.out(hidden))

@@ -255,7 +255,7 @@ async function record() {
 
 function begun({ latency_s }) {
   const latency_ms = Math.round(1000 * (latency_s + SMOOTH_S));
-  say("live", `live: latency ${latency_ms} ms; mouth and face follow when you stop`);
+  say("live", `live: latency ${latency_ms} ms`);
 }
 
 // Level in dB of full scale, and the last ten seconds of the waveform.
