@@ -140,7 +140,7 @@ class _Optimiser:
 
     def __init__(self, weights: list[nn.Parameter], settings: LoopSettings, weight_decay: float = 0.01) -> None:
         self.weights, self.settings = weights, settings
-        self.adam = torch.optim.AdamW(weights, lr=settings.learning_rate, weight_decay=weight_decay)
+        self.adam = torch.optim.AdamW(weights, lr=settings.learning_rate, weight_decay=weight_decay, fused=True)
 
     def update(self, loss: Tensor, step: int) -> None:
         """One step down the gradient of the loss. Gradients that other losses left in the weights are discarded."""
